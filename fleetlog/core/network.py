@@ -116,6 +116,13 @@ class Network:
         span = np.maximum(self.distance[k + 1] - self.distance[k], 1e-12)
         return k, np.asarray((offset - self.distance[k]) / span, dtype=np.float64)
 
+    def stations(self, step: float = 1.0) -> tuple[Index, Floats]:
+        """Edges and offsets [m] of places about ``step`` [m] apart on all edges."""
+        count = np.maximum(np.ceil(self.length / step).astype(int), 1)
+        edge = np.repeat(np.arange(len(self), dtype=np.int32), count)
+        nth = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+        return edge, (nth + 0.5) * (self.length / count)[edge]
+
     def position(self, edge: Index, offset: Floats) -> Floats:
         """(N, 3) places in the site frame [m]."""
         k, share = self.segment(edge, offset)

@@ -49,10 +49,7 @@ class _Roads:
     def __init__(self, network: Network) -> None:
         from scipy.spatial import cKDTree
 
-        count = np.maximum(np.ceil(network.length).astype(int), 1)
-        edge = np.repeat(np.arange(len(network), dtype=np.int32), count)
-        step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-        offset = (step + 0.5) * (network.length / count)[edge]
+        edge, offset = network.stations()
         self.place, self.heading = network.position(edge, offset)[:, :2], network.heading(edge, offset)
         self.normal = np.stack([-np.sin(self.heading), np.cos(self.heading)], axis=1)
         self.both, self.tree = network.reverse[edge] >= 0, cKDTree(self.place)

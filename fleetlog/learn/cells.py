@@ -24,8 +24,9 @@ ASIDE = 0.1  # weight of a metre of manoeuvre: it counts only where nothing else
 ALIKE = np.cos(np.radians(35.0))  # headings closer than this go one way
 ALONG = 1.0  # standard deviation along the way of what is averaged [m]
 ROUNDS = 12
-SCATTER = 0.1
-"""Directions with a smaller share of what is driven about there pull by that share, the others alike."""
+SCATTER = 0.1  # directions with a smaller share of what is driven there pull by that share, others alike
+
+Counts = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,15 @@ def moving(trajectory: Trajectory) -> tuple[Cells, float]:
     found = reconstruct(trajectory)
     m = found.motion
     metres = np.where(found.standing, 0.0, m.speed * m.dt)
-    metres *= np.where(_manoeuvres(metres, m.dt, found.standing), ASIDE, 1.0)
-    keep = ~found.standing & np.isfinite(m.x) & np.isfinite(m.y) & (metres > 0.0)
-    keep &= (np.abs(m.x) < LIMIT) & (np.abs(m.y) < LIMIT)
-    return Cells(m.x[keep], m.y[keep], m.heading[keep], metres[keep]), float(found.noise.position)
+    weight = metres * np.where(_manoeuvres(metres, m.dt, found.standing), ASIDE, 1.0)
+    keep = np.flatnonzero((metres > 0.0) & (np.abs(m.x) < LIMIT) & (np.abs(m.y) < LIMIT))
+    # who drives fast is sampled at places farther apart than what makes a line: several stand for one
+    count = np.ceil(metres[keep] / ALONG).astype(int)
+    row, nth = np.repeat(keep, count), np.concatenate([np.arange(n) for n in [0, *count]])
+    count, heading = np.repeat(count, count), m.heading[row]
+    ahead = ((nth + 0.5) / count - 0.5) * metres[row]
+    x, y = m.x[row] + np.cos(heading) * ahead, m.y[row] + np.sin(heading) * ahead
+    return Cells(x, y, heading, weight[row] / count), float(found.noise.position)
 
 
 def _manoeuvres(metres: Floats, dt: Floats, standing: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -97,52 +103,50 @@ def gathered(cells: Cells, noise: float, lane: float) -> Cells:
 def _shifted(cells: Cells, across: float, *, either: bool, rounds: int = ROUNDS) -> tuple[Cells, Floats]:
     """Cells moved across their heading to the local mean, in their order; and the weight about each."""
     side = max(3.0 * ALONG, across if either else 3.0 * across) + 1.0
-    x0, y0 = cells.x.min(), cells.y.min()
-    i, j = ((v - low) // side for v, low in ((cells.x, x0), (cells.y, y0)))
-    columns, rows = int(i.max()) + 1, int(j.max()) + 1
-    block = i.astype(np.int64) * rows + j.astype(np.int64)
+    low = np.array([cells.x.min(), cells.y.min()])
+    at = ((np.column_stack([cells.x, cells.y]) - low) // side).astype(np.int64)
+    shape = at.max(axis=0) + 1
+    block = at @ [shape[1], 1]
     order = np.argsort(block, kind="stable")
-    x, y, heading, weight = (v[order] for v in (cells.x, cells.y, cells.heading, cells.weight))
-    first = np.searchsorted(block[order], np.arange(columns * rows + 1))
-    left, near = np.empty(len(x)), np.empty(len(x))
-    left[order], near[order] = _shift(
-        x, y, np.cos(heading), np.sin(heading), weight, first, columns, rows, float(x0), float(y0), side,
-        ALONG, across, ALIKE, either, rounds,
-    )  # fmt: skip
+    first = np.searchsorted(block[order], np.arange(shape.prod() + 1))
+    rows = np.stack([cells.x, cells.y, np.cos(cells.heading), np.sin(cells.heading), cells.weight])[:, order]
+    left, near = np.empty((2, len(cells)))
+    left[order], near[order] = _shift(rows, first, shape, low, side, across, either, rounds)
     moved = replace(cells, x=cells.x - np.sin(cells.heading) * left, y=cells.y + np.cos(cells.heading) * left)
     return moved, near
 
 
 @kernel()
 def _shift(
-    x: Floats, y: Floats, cos: Floats, sin: Floats, weight: Floats, first: NDArray[np.int64], columns: int,
-    rows: int, x0: float, y0: float, side: float, along: float, across: float, alike: float, either: bool,
+    cells: Floats, first: Counts, shape: Counts, low: Floats, side: float, across: float, either: bool,
     rounds: int,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """(N,) metres to the left to the local mean of cells that head alike, and the weight about there.
 
-    Cells are sorted by block of ``side`` m, column after column; block b owns ``first[b]`` to ``first[b +
-    1]``. ``along``, ``across`` are the standard deviations of the kernel [m], ``alike`` the least cosine
-    between headings that count as one direction.  With ``either`` the opposite one counts too, and the kernel
-    is flat up to ``across``: lines farther apart than that do not pull at one another at all.
+    ``cells`` (5, N) are x, y, cosine and sine of the heading, and weight, by block of ``side`` m, column
+    after column; block b owns ``first[b]`` to ``first[b + 1]``.  ``across`` is the kernel's deviation
+    across the way [m].  With ``either`` the opposite direction counts too, and the kernel is flat up to
+    ``across``: lines farther apart do not pull at one another at all.
     """
+    x, y, cos, sin, weight = cells
+    columns, rows = shape
     out, near = np.zeros(len(x)), np.zeros(len(x))
     for i in range(len(x)):
         moved = 0.0
         for _ in range(rounds):
             px, py = x[i] - sin[i] * moved, y[i] + cos[i] * moved
-            bi, bj = int((px - x0) / side), int((py - y0) / side)
+            bi, bj = int((px - low[0]) / side), int((py - low[1]) / side)
             total = value = 0.0
             for a in range(max(bi - 1, 0), min(bi + 2, columns)):
-                low, high = max(bj - 1, 0), min(bj + 2, rows)
-                if low >= high:
+                begin, end = max(bj - 1, 0), min(bj + 2, rows)
+                if begin >= end:
                     continue
-                for k in range(first[a * rows + low], first[a * rows + high]):
+                for k in range(first[a * rows + begin], first[a * rows + end]):
                     facing = cos[k] * cos[i] + sin[k] * sin[i]
-                    if facing < alike and not (either and facing < -alike):
+                    if facing < ALIKE and not (either and facing < -ALIKE):
                         continue
                     dx, dy = x[k] - px, y[k] - py
-                    ahead = (dx * cos[i] + dy * sin[i]) / along
+                    ahead = (dx * cos[i] + dy * sin[i]) / ALONG
                     left = dy * cos[i] - dx * sin[i]
                     far = ahead * ahead
                     if not either:

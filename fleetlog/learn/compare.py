@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fleetlog.core.network import Floats, Network
+from fleetlog.core.network import Network
 
 NEAR = 3.0  # a learned road within this of one of the map is that one [m]
 ALIKE = np.cos(np.radians(45.0))
 STEP = 1.0
 SHORTEST = 5.0  # a shorter stretch is no proposal [m]
+SAME, NONE = -2, -1  # where the map has the road, and where it has none
 
 
 def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[dict[str, Any]]:
@@ -21,26 +21,27 @@ def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[
 
     ``begin`` and ``end`` are offsets on a learned edge, ``x`` and ``y`` the middle of a stretch [m].
     """
-    edge, _, place, heading = _stations(known)
-    mine, offset, points, facing = _stations(learned)
-    state, other = np.zeros(len(mine), np.int8), np.full(len(mine), -1)
-    for i, beside in enumerate(cKDTree(place).query_ball_point(points, NEAR)):
+    edge, there = known.stations(STEP)
+    mine, offset = learned.stations(STEP)
+    heading, facing = known.heading(edge, there), learned.heading(mine, offset)
+    points = learned.position(mine, offset)[:, :2]
+    other = np.full(len(mine), SAME)
+    near = cKDTree(known.position(edge, there)[:, :2]).query_ball_point(points, NEAR)
+    for i, beside in enumerate(near):
         turn = np.cos(heading[beside] - facing[i]) if beside else np.zeros(0)
         if not (turn > ALIKE).any():
             against = np.flatnonzero(turn < -ALIKE)
-            state[i] = 2 if len(against) else 1
-            other[i] = edge[beside[against[0]]] if len(against) else -1
-    found = []
+            other[i] = edge[beside[against[0]]] if len(against) else NONE
+    found, state = [], np.minimum(other, 0)
     change = np.flatnonzero((np.diff(mine) != 0) | (np.diff(state) != 0)) + 1
     for a, b in pairwise([0, *change.tolist(), len(mine)]):
-        if not state[a] or offset[b - 1] - offset[a] + STEP < SHORTEST:
+        if state[a] == SAME or offset[b - 1] - offset[a] + STEP < SHORTEST:
             continue
         row, middle = evidence.iloc[int(mine[a])], (a + b) // 2
-        against_it = state[a] == 2 and other[middle] >= 0
         found.append({
-            "kind": "wrong one-way" if state[a] == 2 else "missing road",
+            "kind": "missing road" if state[a] == NONE else "wrong one-way",
             "edge_id": learned.edge_ids[mine[a]],
-            "of_map": known.edge_ids[other[middle]] if against_it else "",
+            "of_map": "" if state[a] == NONE else known.edge_ids[other[middle]],
             "begin": float(offset[a]), "end": float(offset[b - 1]),
             "x": float(points[middle, 0]), "y": float(points[middle, 1]),
             **{name: int(row[name]) for name in ("passes", "trucks", "days")},
@@ -56,12 +57,3 @@ def sentence(proposal: dict[str, Any]) -> str:
         length = proposal["end"] - proposal["begin"]
         what = f"a road of {length:.0f} m is missing at ({{x:.0f}}, {{y:.0f}}) ({{edge_id}})"
     return (what + ": {passes} passes of {trucks} trucks on {days} days").format(**proposal)
-
-
-def _stations(n: Network) -> tuple[NDArray[np.int32], Floats, Floats, Floats]:
-    """Edge, offset [m], place (N, 2) [m] and heading [rad] every metre of a network."""
-    count = np.maximum(np.ceil(n.length / STEP).astype(int), 1)
-    edge = np.repeat(np.arange(len(n), dtype=np.int32), count)
-    step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    offset = (step + 0.5) * (n.length / count)[edge]
-    return edge, offset, n.position(edge, offset)[:, :2], n.heading(edge, offset)

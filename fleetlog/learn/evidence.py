@@ -18,6 +18,10 @@ LONGEST, SLACK = 3.0, 20.0  # a way between rows is no longer than 3 times the s
 STEADY = 0.3  # a truck slower than this stands or manoeuvres [m/s]
 
 
+Visit = tuple[int, float, float, int]
+"""An edge, from and to [m] on it, and the first row."""
+
+
 @dataclass
 class Evidence:
     """What a recording says of the E edges of a network."""
@@ -51,20 +55,13 @@ def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evi
         np.add.at(found.speeds, (m.edge[use], step), 1)
         found.rows += len(m)
         found.matched += int((m.edge >= 0).sum())
-        for run in _runs(m, network.length):
-            before = None
-            for visit in _visits(run, m, t, router):
-                if visit is None:
-                    before = None
-                    continue
-                edge, begin, end, row = visit
+        for visits in (chain for run in _runs(m, network.length) for chain in _visits(run, m, t, router)):
+            found.turns.update(pairwise(edge for edge, *_ in visits))
+            for edge, begin, end, row in visits:
                 found.metres[edge] += max(end - begin, 0.0)
                 found.passes[edge] += end - begin >= WHOLE * network.length[edge]
                 found.vehicles.setdefault(edge, set()).add(t.vehicle_id)
                 found.days.setdefault(edge, set()).add(int(t.time[row] // 86_400_000_000))
-                if before is not None:
-                    found.turns[before, edge] += 1
-                before = edge
     return found
 
 
@@ -80,34 +77,32 @@ def _runs(m: Match, length: Floats) -> Iterator[list[int]]:
         yield [*on[run[change[run]]].tolist(), int(on[run[-1]]) + 1]
 
 
-def _visits(
-    bounds: list[int], m: Match, t: Trajectory, router: Router
-) -> Iterator[tuple[int, float, float, int] | None]:
-    """Edge, from, to [m] and first row of the visits of a run; None where the way between two is not known.
+def _visits(bounds: list[int], m: Match, t: Trajectory, router: Router) -> list[list[Visit]]:
+    """The visits of a run, parted where the way between two is not known.
 
     Edges that are driven between two rows are visits too.
     """
     x, y = t.floats("x"), t.floats("y")
     length, begin = router.network.length.tolist(), float(m.offset[bounds[0]])
-    for row, after in pairwise(bounds):
+    out: list[list[Visit]] = [[]]
+    for row, after in pairwise(bounds[:-1]):
         edge, end = int(m.edge[row]), float(m.offset[after - 1])
-        if after == bounds[-1]:
-            yield edge, begin, end, row
-            return
         ahead, onward = int(m.edge[after]), float(m.offset[after])
+        straight = float(np.hypot(x[after] - x[after - 1], y[after] - y[after - 1]))
         if ahead == router.network.reverse[edge]:
             turned = max(end, length[edge] - onward)
-            yield edge, begin, turned, row
+            out[-1].append((edge, begin, turned, row))
             begin = length[edge] - turned
-            continue
-        straight = float(np.hypot(x[after] - x[after - 1], y[after] - y[after - 1]))
-        way = _way(router, edge, ahead, LONGEST * straight + SLACK)
-        yield edge, begin, end if way is None else length[edge], row
-        if way is None:
-            yield None
+        elif (way := _way(router, edge, ahead, LONGEST * straight + SLACK)) is None:
+            out[-1].append((edge, begin, end, row))
+            out.append([])
+            begin = onward
         else:
-            yield from ((e, 0.0, length[e], row) for e in way)
-        begin = onward if way is None else 0.0
+            out[-1] += [(edge, begin, length[edge], row), *((e, 0.0, length[e], row) for e in way)]
+            begin = 0.0
+    row, after = bounds[-2:]
+    out[-1].append((int(m.edge[row]), begin, float(m.offset[after - 1]), row))
+    return out
 
 
 def _way(router: Router, edge: int, ahead: int, longest: float) -> list[int] | None:

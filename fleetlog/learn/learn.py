@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
-from fleetlog.core.site import Site
+from fleetlog.core.site import Frame, Site
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import SIDE, Cells, gather, moving
 from fleetlog.learn.compare import proposals, sentence
@@ -53,7 +53,7 @@ def learn(
     base = Site(name, dataset.site.frame, network, dataset.site.traffic, zones=zones)
     learned, places = with_places(base, dataset, min_visits)
     table = road_table(network, found)
-    lacking = proposals(network, table, site.roads()) if site is not None else []
+    lacking = proposals(network, table, _in_frame(site, base.frame)) if site is not None else []
     return learned, _result(learned, cells, table, places, lacking, found.evidence)
 
 
@@ -62,6 +62,15 @@ def write_learned(site: Site, result: Result, folder: Path) -> None:
     rows, names = result.tables["roads"].to_dict("records"), ("passes", "trucks", "days")
     write_site(site, folder, {row["edge_id"]: {name: row[name] for name in names} for row in rows})
     write_result(result, folder, site.frame)
+
+
+def _in_frame(site: Site, frame: Frame | None) -> Network:
+    """The roads of a site in another frame; as they are where either has no place on earth."""
+    network = site.roads()
+    if frame is None or site.frame in (None, frame):
+        return network
+    x, y = frame.to_local(*site.frame.to_geographic(*network.points[:, :2].T))
+    return replace(network, points=np.column_stack([x, y, network.points[:, 2]]))
 
 
 def _driven(dataset: Dataset) -> tuple[Cells, float]:
@@ -125,25 +134,25 @@ def _result(
     e: Evidence,
 ) -> Result:  # fmt: skip
     network, kinds = site.roads(), places.kind.value_counts().to_dict()
-    roads, oneway = len(set(network.roads)), int((network.reverse < 0).sum())
-    metres, nodes = float(network.length.sum()), len(network.node_ids)
     summary = {
-        "roads": roads, "oneway": oneway, "length_m": metres, "nodes": nodes, "places": len(places),
+        "roads": len(set(network.roads)), "oneway": int((network.reverse < 0).sum()),
+        "length_m": float(network.length.sum()), "nodes": len(network.node_ids), "places": len(places),
         "kinds": kinds, "zones": len(site.zones), "rows": e.rows, "rows_on_roads": e.matched,
         "proposals": lacking,
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
+    what = "{roads} roads, {oneway} of them one-way, {nodes} nodes, {length_m:,.0f} m of directed edges"
     lines = [
-        f"{roads} roads, {oneway} of them one-way, {nodes} nodes, {metres:,.0f} m of directed edges",
+        what.format(**summary),
         f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
         f"{len(places)} places{told}; {len(site.zones)} slow zones",
         *map(sentence, lacking[:8]),
     ]
     if len(lacking) > 8:
         lines.append(f"and {len(lacking) - 8} more proposals in proposals.parquet")
-    edges, passes = np.arange(len(network), dtype=np.int32), e.mean_passes(network).astype(np.float64)
+    edges, passes = np.arange(len(network), dtype=np.int32), table["passes"].to_numpy(float)
     driven = EdgeValues("roads", edges, np.zeros(len(network)), network.length, passes, "passes")
-    tables: dict[str, pd.DataFrame] = {"roads": table}
+    tables = {"roads": table}
     shapes: list[Shape] = [_traces(cells), driven]
     if lacking:
         tables["proposals"] = pd.DataFrame(lacking)

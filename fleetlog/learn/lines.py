@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from fleetlog.core.network import Floats
 from fleetlog.learn.cells import Cells
@@ -18,8 +20,6 @@ STRAY = 0.06  # what is driven less than this share of what the floor nearby is,
 NEARBY = 2.0  # ... within this [m]
 ISLET = 4.0  # floor within a road smaller than this is part of it [m2]
 AROUND = np.array([[-1, 0], [-1, 1], [0, 1], [1, 1], [1, 0], [1, -1], [0, -1], [-1, -1]])
-STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
-"""Steps to the pixels beside one, straight ones first."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def centre_lines(cells: Cells, tube: float, least: float) -> Picture:
     # a line that is driven once has one metre a metre: blurred, 1 / (sqrt(2 pi) sigma) a metre across
     passes = ndimage.gaussian_filter(metres, blur) * np.sqrt(2.0 * np.pi) * blur / side
     near = ndimage.maximum_filter(passes, size=2 * int(NEARBY / side) + 1)
-    line = (metres > 0.0) & (passes >= np.maximum(least * 0.5, STRAY * near))
+    line = (metres > 0.0) & (passes >= np.maximum(least, STRAY * near))
     road = ndimage.distance_transform_edt(~line) <= max(0.5 * tube / side, 2.0)
     label, count = ndimage.label(~road)
     small = np.bincount(label.ravel(), minlength=count + 1) * side**2 < ISLET
@@ -127,14 +127,11 @@ def chains(picture: Picture) -> list[Chain]:
 
 def _ordered(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
     """The pixels of a line one after another, from one of its ends."""
-    index = {(r, c): i for i, (r, c) in enumerate(pixels.tolist())}
-    near = [[index[r + a, c + b] for a, b in STEPS if (r + a, c + b) in index] for r, c in index]
-    here: int | None = next((i for i, n in enumerate(near) if len(n) < 2), 0)
-    order: dict[int, None] = {}
-    while here is not None:
-        order[here] = None
-        here = next((j for j in near[here] if j not in order), None)
-    return pixels[list(order)]
+    line: nx.Graph[int] = nx.Graph()
+    line.add_nodes_from(range(len(pixels)))
+    line.add_edges_from(cKDTree(pixels).query_pairs(1.5))
+    begin = next((i for i, count in line.degree if count < 2), 0)
+    return pixels[list(nx.dfs_preorder_nodes(line, begin))]
 
 
 def _knots(knots: NDArray[np.int32], pixel: NDArray[np.int64]) -> list[int]:

@@ -86,11 +86,6 @@ def _resampled(c: Chain) -> Chain:
     return replace(c, points=np.column_stack([np.interp(at, s, v) for v in c.points.T]))
 
 
-def _tangents(points: Floats) -> Floats:
-    d = np.gradient(points, axis=0) if len(points) > 2 else np.repeat(np.diff(points, axis=0), 2, axis=0)
-    return np.asarray(d / np.maximum(np.hypot(*d.T), 1e-9)[:, None])
-
-
 def _owners(
     chains: list[Chain], senses: NDArray[np.bool_], cells: Cells, reach: float
 ) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
@@ -99,7 +94,8 @@ def _owners(
     Those are (n, 2), forth and back; of a cell its number, the point nearest to it, and 1 if back.
     """
     points = np.concatenate([c.points for c in chains])
-    tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
+    ahead = np.concatenate([np.gradient(_softened(c.points), axis=0) for c in chains])
+    tangent = ahead / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
     sense = np.repeat(senses, [len(c.points) for c in chains], axis=0)
     station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
     sign = np.repeat([1.0, -1.0], sense.sum(axis=0))

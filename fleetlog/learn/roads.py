@@ -18,7 +18,7 @@ from fleetlog.learn.refine import Fit, passes, refined
 from fleetlog.learn.shape import apart, ends, joined, pieces, split, tidied
 
 TUBE = 1.8  # lines that both directions share and that are closer than this are one [m]
-HALF_PASS = 0.5  # a line with fewer passes is none; less than one, as the passes of a line scatter about it
+LEAST = 0.05  # a line with fewer passes is none: half a manoeuvre, where nothing else was driven
 REACH = 2.5  # traces farther than this from a road are another road's [m]
 PIECE = 8.0  # length of the pieces of road that were driven or not [m]
 BRIEF = 10.0  # a link shorter than this [m] is a manoeuvre ...
@@ -52,7 +52,7 @@ def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) 
 
     ``reread`` gives the trajectories anew, for what is counted on the roads found.
     """
-    lines = centre_lines(gathered(cells, noise, settings.lane), TUBE, HALF_PASS)
+    lines = centre_lines(gathered(cells, noise, settings.lane), TUBE, LEAST)
     graph = tidied(chains(lines), settings.spur, lines.side * 3.0)
     graph = _driven_only(graph, reread, settings)
     graph = _driven_only(tidied(graph, settings.spur, settings.lane), reread, settings)

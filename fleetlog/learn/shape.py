@@ -41,17 +41,17 @@ def _fresh(chains: list[Chain]) -> int:
 
 def _pruned(chains: list[Chain], spur: float) -> list[Chain]:
     """Without the shortest short dead ends: the next one of a junction is part of a longer road by then."""
-    while True:
+    gone = {-1}
+    while gone:
         at = ends(chains)
         shortest: dict[int, int] = {}
         for k, c in sorted(enumerate(chains), key=lambda one: one[1].length):
             loose = len(at[c.start]) == 1 or len(at[c.end]) == 1 or c.start == c.end
             if loose and c.length < spur:
                 shortest.setdefault(c.start if len(at[c.start]) > 1 else c.end, k)
-        if not shortest:
-            return chains
         gone = set(shortest.values())
         chains = joined([c for k, c in enumerate(chains) if k not in gone])
+    return chains
 
 
 def _contracted(chains: list[Chain], junction: float) -> list[Chain]:

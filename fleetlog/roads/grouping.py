@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Floats
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.roads.kernels.grouping import find_stops, group_means, group_points
 from fleetlog.roads.kernels.records import Groups, Track
 
 Ints = NDArray[np.int64]
@@ -13,8 +14,7 @@ STANDING_SPEED = 0.1  # a log speed below this is a standstill [m/s]
 MOST_ACCELERATION = 15.0  # no vehicle on wheels exceeds it [m/s2]
 LONGEST_SPAN = 2.0  # longest motion that one group may hold [s]
 LONGEST_STEP = 3.0  # and the farthest [m]: longer ones would cut the corners of aisles
-SHORTEST_STEP = 1.0
-"""Dense rows of clean positions are grouped to this much motion [m]: more rows tell the model nothing new."""
+SHORTEST_STEP = 1.0  # dense rows of clean positions are grouped to this much: more tell nothing new [m]
 
 
 def track_of(trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
@@ -24,12 +24,17 @@ def track_of(trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
     spike = out_of_line(t[rows], x[rows], y[rows])
     rows, outliers = rows[~spike], rows[spike]
     speed, heading = (trajectory.floats(name)[rows] for name in ("speed", "heading"))
-    return Track(t[rows], x[rows], y[rows], speed, heading, np.zeros(len(rows), np.int64)), rows, outliers
+    columns = t[rows], x[rows], y[rows], speed, heading, np.zeros(len(rows), np.int64)
+    return Track(*columns, _interval(t[rows])), rows, outliers
+
+
+def _interval(t: Floats) -> float:
+    return float(np.median(np.diff(t))) if len(t) > 1 else 1.0
 
 
 def usual_gap(track: Track) -> float:
     """Silence that breaks a chain: 30 s, or ten usual intervals where the log is sparser [s]."""
-    return max(30.0, 10.0 * _interval(track)) if len(track.t) > 1 else 30.0
+    return max(30.0, 10.0 * track.interval) if len(track.t) > 1 else 30.0
 
 
 def with_gap(track: Track, gap: float) -> Track:
@@ -37,14 +42,9 @@ def with_gap(track: Track, gap: float) -> Track:
     return track._replace(chain=np.cumsum(np.diff(track.t, prepend=track.t[:1]) > gap))
 
 
-def _interval(track: Track) -> float:
-    """Usual time between rows [s]."""
-    return float(np.median(np.diff(track.t))) if len(track.t) > 1 else 1.0
-
-
 def _usual_speed(track: Track, noise: float) -> float:
     """Median speed while moving, from the log or from positions some noise apart [m/s]."""
-    known, n, interval = track.speed[track.speed > 0.3], len(track.t), _interval(track)
+    known, n, interval = track.speed[track.speed > 0.3], len(track.t), track.interval
     if len(known) > 10:
         return float(np.median(known))
     if n < 3:
@@ -59,12 +59,12 @@ def _usual_speed(track: Track, noise: float) -> float:
 def sample(track: Track, groups: int, noise: float) -> Track:
     """About ``groups`` groups' worth of rows in up to eight runs, each a chain of its own."""
     runs, n = 8, len(track.t)
-    rows = groups * max(1, round(group_span(track, noise) / _interval(track)))
+    rows = groups * max(1, round(group_span(track, noise) / track.interval))
     if rows >= n:
         return track
     starts = np.linspace(0, n - rows // runs, runs).astype(int)
     index = np.concatenate([np.arange(s, s + rows // runs) for s in starts])
-    picked = Track(*(column[index] for column in track))
+    picked = Track._make([*(column[index] for column in track[:6]), _interval(track.t[index])])
     run = np.repeat(np.arange(runs), rows // runs)
     new = (np.diff(picked.chain, prepend=picked.chain[:1]) != 0) | (np.diff(run, prepend=0) != 0)
     return picked._replace(chain=np.cumsum(new))
@@ -105,7 +105,7 @@ def white_noise(track: Track) -> float:
 
 def group_span(track: Track, noise: float) -> float:
     """Seconds of motion in a group: a step twice the noise of the mean of its k rows, noise / sqrt(k)."""
-    h, v = _interval(track), _usual_speed(track, noise)
+    h, v = track.interval, _usual_speed(track, noise)
     rows = max((2.0 * noise / (v * h)) ** (2.0 / 3.0), 1.0)
     return float(min(max(rows * h, SHORTEST_STEP / v), LONGEST_SPAN, LONGEST_STEP / v))
 
@@ -123,14 +123,8 @@ def direction_of(groups: Groups, sigma: float) -> tuple[Floats, Floats]:
     return np.vstack([dx, dy]) / np.maximum(far, 1e-9), sharp
 
 
-HEADING_WEIGHT = 1.0
-"""Cost of a heading square to the road; it may point against the motion, so only its axis counts."""
-
-
 def group_track(track: Track, noise: float, sigma: float) -> Groups:
     """Groups of a track: standstills that speed or positions show, and steps of motion between."""
-    from fleetlog.roads.kernels.grouping import find_stops, group_points
-
     span = group_span(track, noise)
     travelled = _travelled(track)
     first, still = np.empty(len(track.t) + 1, np.int64), np.zeros(len(track.t), np.bool_)
@@ -146,14 +140,13 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     blur = 2.0 * noise**2 / np.maximum(np.minimum(np.diff(first)[1:], np.diff(first)[:-1]), 1)
     by_position = np.sqrt(np.maximum(chord**2 - blur, 0.0))
     moved = np.where(np.isfinite(np.diff(s)), np.diff(s), by_position)
-    axis = HEADING_WEIGHT * np.vstack([c2, s2])
+    # a heading may point against the motion, so only its axis counts
+    axis = np.vstack([c2, s2])
     return Groups(first, t, x, y, np.append(moved, 0.0), axis, still, track.chain[first[:-1]])
 
 
 def _means(track: Track, first: Ints, travelled: Floats) -> Floats:
     """(6, G) means of groups; see the kernel."""
-    from fleetlog.roads.kernels.grouping import group_means
-
     out = np.empty((6, len(first) - 1))
     group_means(first, track, travelled, out)
     return out

@@ -1,19 +1,21 @@
 """Sites: a site file with its map, or a map alone."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fleetlog.core import schema
 from fleetlog.core.files import open_regular
-from fleetlog.core.frames import map_frames
+from fleetlog.core.frames import FARTHEST, crs, frame_of_crs, map_frames
 from fleetlog.core.network import Edge, LoadReport, Network, build_network
-from fleetlog.core.schema import Keys, anything, load_toml, table, text
-from fleetlog.core.site import Building, Place, Site, Zone
+from fleetlog.core.site import Building, Frame, Place, Site, Zone
 from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
-from fleetlog.roads import _tables
 from fleetlog.roads._placing import distance_to_roads, place_map
 from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, at
 from fleetlog.store.documents import digest as sha256
@@ -22,8 +24,54 @@ HEAD = 4096  # bytes that a format is recognised by
 MOST_EDGES, MOST_VERTICES, LONGEST = 2_000_000, 20_000_000, 200_000.0
 """A map with more edges, more vertices, or an edge longer than this [m] is not that of a site."""
 OFF_ROADS = 10.0  # a place farther than this [m] from every road gets a warning
+metres = schema.real(-FARTHEST, FARTHEST)
+
+
+def _polygon(value: Any) -> NDArray[np.float64]:
+    """At least three corners [x, y] in metres; a repeated last corner is left out."""
+    if not isinstance(value, list) or not all(isinstance(p, list) and len(p) == 2 for p in value):
+        raise schema.Wrong("is not a list of corners [x, y]")
+    points = np.array([[metres(v) for v in p] for p in value], dtype=np.float64).reshape(-1, 2)
+    if len(points) > 1 and bool((points[0] == points[-1]).all()):
+        points = points[:-1]
+    if len(points) < 3:
+        raise schema.Wrong("has fewer than three corners")
+    return points
+
+
+def _clock(value: Any) -> float:
+    """A time of day such as "09:30" [s]."""
+    found = re.fullmatch(r"([01]?\d|2[0-3]):([0-5]\d)", schema.text(value))
+    if not found:
+        raise schema.Wrong('is no time of day such as "09:30"')
+    return 3600.0 * int(found[1]) + 60.0 * int(found[2])
+
+
 TABLES = ("frame", "network", "place", "zone", "building", "map_frame", "break", "power")
-TOP: Keys = {"name": text, **dict.fromkeys(TABLES, anything)}
+TOP: schema.Keys = {"name": schema.text, **dict.fromkeys(TABLES, schema.anything)}
+ORIGIN: schema.Keys = {"latitude": schema.real(-90, 90), "longitude": schema.real(-180, 180)}
+PROJECTED: schema.Keys = {"crs": crs, "easting": metres, "northing": metres}
+AXES: schema.Keys = {"rotation": schema.real(-2 * math.pi, 2 * math.pi), "timezone": schema.time_zone}
+NETWORK: schema.Keys = {
+    "file": schema.text, "traffic": schema.one_of("right", "left"),
+    "lane_types": schema.list_of(schema.text, 1), "road_classes": schema.list_of(schema.text, 1),
+}  # fmt: skip
+POWER: schema.Keys = {"limit": schema.real(1.0, 1e9, "W")}
+PLACE: schema.Keys = {
+    "id": schema.text, "kind": schema.one_of("pick", "drop", "park", "charge"), "x": metres, "y": metres,
+    "plugs": schema.whole(), "power": schema.real(0.0, 1e9),
+}  # fmt: skip
+ZONE: schema.Keys = {
+    "id": schema.text, "polygon": _polygon, "speed_limit": schema.real(1e-3, 100.0), "covered": schema.flag,
+    "closed_every": schema.real(1.0, 1e6, "s"), "closed_for": schema.real(1.0, 1e4, "s"),
+}  # fmt: skip
+BUILDING: schema.Keys = {"id": schema.text, "polygon": _polygon, "height": schema.real(0.0, 1000.0)}
+BREAK: schema.Keys = {"id": schema.text, "from": _clock, "until": _clock}
+LISTS: dict[str, tuple[schema.Keys, tuple[str, ...]]] = {
+    "place": (PLACE, ("id", "kind", "x", "y")), "zone": (ZONE, ("polygon",)),
+    "building": (BUILDING, ("polygon",)), "break": (BREAK, ("from", "until")),
+}  # fmt: skip
+"""Keys of the tables of the lists [[name]], and those that must be there."""
 
 
 def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
@@ -75,22 +123,22 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
 
 
 def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
-    data = table(load_toml(path, SiteError), TOP, path, "", error=SiteError)
-    power = table(data.get("power", {}), _tables.POWER, path, "power", error=SiteError)
+    data = schema.table(schema.load_toml(path, SiteError), TOP, path, "", error=SiteError)
+    power = schema.table(data.get("power", {}), POWER, path, "power", error=SiteError)
     site = Site(
         data.get("name", path.parent.resolve().name),
-        _tables.frame(data, path),
-        places=tuple(Place(**row) for row in _tables.rows(data, "place", path)),
-        zones=tuple(Zone(**row) for row in _tables.rows(data, "zone", path)),
-        buildings=tuple(Building(**row) for row in _tables.rows(data, "building", path)),
-        breaks=tuple((row["from"], row["until"]) for row in _tables.rows(data, "break", path)),
+        _frame(data, path),
+        places=tuple(Place(**row) for row in _rows(data, "place", path)),
+        zones=tuple(Zone(**row) for row in _rows(data, "zone", path)),
+        buildings=tuple(Building(**row) for row in _rows(data, "building", path)),
+        breaks=tuple((row["from"], row["until"]) for row in _rows(data, "break", path)),
         power_limit=power.get("limit", math.inf),
         map_frames=map_frames(data, path, SiteError),
         source={"site": {"file": path.name, "sha256": sha256(path)}},
     )
     if "network" not in data:
         return site, []
-    settings = table(data["network"], _tables.NETWORK, path, "network", ("file",), SiteError)
+    settings = schema.table(data["network"], NETWORK, path, "network", ("file",), SiteError)
     chosen = (frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes"))
     return _with_map(site, _map_file(settings["file"], path), MapOptions(settings.get("traffic"), *chosen))
 
@@ -128,10 +176,39 @@ def _map_file(name: str, path: Path) -> Path:
     """The map that a site file names, by an absolute name or one that stays in the site's folder."""
     file = path.parent / name
     if not Path(name).is_absolute() and not file.resolve().is_relative_to(path.parent.resolve()):
-        raise SiteError(
-            f"{name!r} leads out of the site's folder", where=path, place="network.file",
-            do="put the map beside the site file or write its absolute path",
-        )  # fmt: skip
+        what, do = f"{name!r} leads out of the site's folder", "put the map there or write its absolute path"
+        raise SiteError(what, where=path, place="network.file", do=do)
     if not file.is_file():
         raise SiteError(f"no such file {name!r}", where=path, place="network.file", do="correct the name")
     return file
+
+
+def _rows(data: dict[str, Any], name: str, where: Path) -> list[dict[str, Any]]:
+    """The checked tables of a list [[name]]; ids are made where none are given and may not occur twice."""
+    raw = data.get(name, [])
+    if not isinstance(raw, list):
+        raise SiteError("is not a list of tables", where=where, place=name, do=f"write [[{name}]]")
+    keys, required = LISTS[name]
+    out: dict[str, dict[str, Any]] = {}
+    for n, given in enumerate(raw):
+        place = f"{name}[{n}]"
+        row = {"id": f"{name}-{n + 1}", **schema.table(given, keys, where, place, required, SiteError)}
+        if row["id"] in out:
+            raise SiteError(f"the id {row['id']!r} occurs twice", where=where, place=place, do="rename one")
+        out[row["id"]] = row
+    return list(out.values())
+
+
+def _frame(data: dict[str, Any], where: Path) -> Frame | None:
+    """The [frame] table, if there is one."""
+    if "frame" not in data:
+        return None
+    given = data["frame"]
+    if not isinstance(given, dict) or "crs" not in given:
+        return Frame(**schema.table(given, {**ORIGIN, **AXES}, where, "frame", tuple(ORIGIN), SiteError))
+    values = schema.table(given, {**PROJECTED, **AXES}, where, "frame", tuple(PROJECTED), SiteError)
+    found = frame_of_crs(values["crs"], values["easting"], values["northing"], values.get("rotation"))
+    if not math.isfinite(found.latitude + found.longitude):
+        raise SiteError("the origin lies outside the reference system", where=where, place="frame",
+                        do="correct easting and northing")  # fmt: skip
+    return replace(found, timezone=values["timezone"]) if "timezone" in values else found

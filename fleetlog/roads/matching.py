@@ -22,7 +22,11 @@ from fleetlog.core.network import Floats, Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads import grouping
 from fleetlog.roads.candidates import Prepared, prepare
+from fleetlog.roads.kernels.costs import emission_costs
+from fleetlog.roads.kernels.decoding import decode, scratch
+from fleetlog.roads.kernels.placing import place_points
 from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Groups, Noise, Placed, Track
+from fleetlog.roads.kernels.routes import build_routes, route_posterior
 
 REASONS: tuple[str, ...] = (
     "", "no road within reach", "no connected path", "against a one-way road", "standing off the road",
@@ -31,10 +35,8 @@ REASONS: tuple[str, ...] = (
 """Why a row has no edge (``Match.reason``), and why a chain starts anew (``Match.restart``)."""
 NO_ROAD, NO_PATH, ONE_WAY, STANDING, NO_POSITION, GAP, OUT_OF_LINE = range(1, 8)
 
-CHANCE_PERSISTENCE = 0.12
-"""Correlation of successive groups that independent noise shows too, as the match bends towards it."""
-LEAST_WEIGHT = 0.35
-"""Of the evidence of a group, however persistent the errors are: at a junction it is new all the same."""
+CHANCE_PERSISTENCE = 0.12  # that independent noise shows too, as the match bends towards it
+LEAST_WEIGHT = 0.35  # of a group's evidence, however persistent the errors: at a junction it is new
 
 
 @dataclass(frozen=True)
@@ -160,9 +162,6 @@ def _residual_estimates(
 
 def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Candidates, Choice, float]:
     """The candidates of groups, what is chosen, and how far noise may move a truck against its edge [m]."""
-    from fleetlog.roads.kernels.costs import emission_costs
-    from fleetlog.roads.kernels.decoding import decode, scratch
-
     near = prepared.candidates(groups.x, groups.y, p.reach, max(4.5 * p.sigma, 1.5))
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
@@ -182,9 +181,6 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Can
 
 
 def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> Match:
-    from fleetlog.roads.kernels.placing import place_points
-    from fleetlog.roads.kernels.routes import build_routes, route_posterior
-
     (near, choice, back), size = _decode(groups, prepared, p), np.diff(groups.first)
     routes = build_routes(prepared.store, prepared.roads, near, choice, groups.moved, back)
     posterior = np.zeros(len(size))

@@ -3,14 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from heapq import heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Floats, Network
+from fleetlog.compiling import kernel
+from fleetlog.core.network import Floats, Index, Network
 from fleetlog.errors import DataError
 
-Index = NDArray[np.int32]
 BOUNDS = 256  # targets whose lower bounds are kept
 
 
@@ -66,8 +67,6 @@ class Router:
 
         ``closed`` edges are not entered (the source may be closed: who stands there may leave).
         """
-        from fleetlog.roads.kernels import paths
-
         n = self.network
         for edge in (source, target):
             if not 0 <= edge < len(n):
@@ -77,7 +76,7 @@ class Router:
             shut = shut.copy()
             shut[numbers] = True
         bound, ends = self._bound(target), (np.int32(source), np.int32(target))
-        chain, entered = paths.astar(n.next_first, n.next_edges, self.time, self._turn, shut, bound, *ends)
+        chain, entered = _astar(n.next_first, n.next_edges, self.time, self._turn, shut, bound, *ends)
         if not len(chain):
             return None
         return Route(chain, float(entered[-1] + self.time[target]), float(n.length[chain].sum()))
@@ -90,3 +89,46 @@ class Router:
         straight = np.linalg.norm(self._starts - self._starts[target], axis=1)
         # A little less than the straight line: rounding must not make the bound inconsistent.
         return np.asarray(straight * (1.0 - 1e-9) / self.speed.max(), dtype=np.float64)
+
+
+@kernel()
+def _astar(
+    next_first: Index, next_edges: Index, cost: Floats, turn_cost: Floats, closed: NDArray[np.bool_],
+    bound: Floats, source: np.int32, target: np.int32,
+) -> tuple[Index, Floats]:  # fmt: skip
+    """Cheapest chain of edges from ``source`` to ``target``, empty if none; and the cost at each.
+
+    ``cost[i]`` is that of driving all of edge i, ``turn_cost[k]`` that of the turn next_edges[k],
+    ``bound[j]`` never more than the cost from the start of edge j to that of the target (consistent: the
+    first arrival is the best).  Among equal costs the predecessor with the lower number wins.
+    """
+    edges = len(cost)
+    best = np.full(edges, np.inf)
+    came = np.full(edges, -1, dtype=np.int32)
+    done = np.zeros(edges, dtype=np.bool_)
+    best[source] = 0.0
+    heap = [(bound[source], source)]
+    while len(heap) > 0:
+        _, i = heappop(heap)
+        if done[i]:
+            continue
+        done[i] = True
+        if i == target:
+            break
+        onward = best[i] + cost[i]
+        for k in range(next_first[i], next_first[i + 1]):
+            j = next_edges[k]
+            if closed[j] or done[j]:
+                continue
+            there = onward + turn_cost[k]
+            if there < best[j] or (there == best[j] and i < came[j]):
+                best[j] = there
+                came[j] = i
+                heappush(heap, (there + bound[j], j))
+    if not done[target]:
+        return np.empty(0, dtype=np.int32), np.empty(0, dtype=np.float64)
+    chain = [target]
+    while chain[-1] != source:
+        chain.append(came[chain[-1]])
+    edges_of = np.array(chain[::-1], dtype=np.int32)
+    return edges_of, best[edges_of]

@@ -106,3 +106,14 @@ def test_turning_the_traces_turns_the_map(round_course):
     back = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     assert turned.length.sum() == pytest.approx(round_course.network.length.sum(), rel=0.02)
     assert np.quantile(distance_to(SQUARE, turned.points[:, :2] @ back), 0.95) < 0.8
+
+
+def test_one_fast_drive_with_a_stop_is_one_road():
+    """A row every 20 m, and a minute at a light: neither leaves a gap."""
+    half = np.concatenate([np.full(15, 20.0), np.arange(20.0, 0.0, -2.0)])
+    speed = np.concatenate([half, np.zeros(60), half[::-1]])
+    x = np.cumsum(speed)
+    xy = np.column_stack([x, np.zeros(len(x))]) + np.random.default_rng(3).normal(0.0, 0.1, (len(x), 2))
+    time = (np.arange(len(x)) * 1_000_000 + 1_767_600_000_000_000).astype(np.int64)
+    n = learned([Trajectory("T", time, {"x": xy[:, 0], "y": xy[:, 1], "speed": speed})]).network
+    assert len(n) == 1 and n.length[0] == pytest.approx(np.ptp(x), abs=20.0)

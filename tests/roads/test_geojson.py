@@ -177,7 +177,7 @@ def test_wrong_documents(tmp_path):
         with pytest.raises(SiteError, match=why):
             load_site(path)
     path.write_text(json.dumps({"type": "FeatureCollection", "features": [line("r", (0, 0), (9, 0))] * 2}))
-    with pytest.raises(SiteError, match="the id 'r' occurs twice"):
+    with pytest.raises(SiteError, match="two roads share the id 'r'"):
         load_site(path)
 
 

@@ -51,8 +51,6 @@ def test_loaded(shared_data, name):
 
 @pytest.mark.parametrize("name", [n for n in LOADED if n.endswith("xodr")])
 def test_lanes_meet_those_that_follow_them(shared_data, name):
-    _, (report,) = load_site(shared_data / name)
-    assert not any("gap" in note for note in report.notes)
     network = load_site(shared_data / name)[0].roads()
     for i in range(len(network)):
         for j in network.successors(i):

@@ -13,30 +13,25 @@ from fleetlog.errors import SiteError
 
 __all__ = ["Element", "parse_xml", "read_json"]
 
-_COMMENTS = re.compile(rb"\s*(?:<!--.*?-->\s*)+", re.DOTALL)
-_DECLARATION = re.compile(rb"<\?xml[^>]{0,400}\?>")
+_LATE = re.compile(rb"\A(?>\s*(?:<!--(?>.*?-->)\s*)+)(?=<\?xml)", re.DOTALL)
+"""Comments before an XML declaration."""
 
 
 def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
     """The root element, namespaces taken off; :class:`SiteError` in one line where it is not well formed.
 
-    Files that declare entities are refused: a map has no use for them.  An XML declaration behind a comment,
+    Files that declare entities are refused: a map has no use for them.  A comment before the XML declaration,
     which some tools write, is passed over and noted.
     """
-    data = read_whole(path, error=SiteError)
-    encoding = None
-    comments = _COMMENTS.match(data)
-    if comments and (late := _DECLARATION.match(data, comments.end())):
-        notes.append("the XML declaration stands behind a comment and is passed over")
-        found = re.search(rb"encoding=[\"']([\w.-]+)", late[0])
-        encoding = found[1].decode() if found else None
-        data = comments[0] + data[late.end() :]
+    data, late = _LATE.subn(b"", read_whole(path, error=SiteError))
+    if late:
+        notes.append("the XML declaration stands behind a comment, which is passed over")
     if b"<!ENTITY" in data:
         raise SiteError("declares XML entities, which are not read", do="remove its DOCTYPE")
     try:
         parser = etree.XMLParser(
             resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, remove_comments=True,
-            remove_pis=True, encoding=encoding,
+            remove_pis=True,
         )  # fmt: skip
         top = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, LookupError, ValueError) as error:

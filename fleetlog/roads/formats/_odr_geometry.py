@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import leggauss
+from numpy.typing import NDArray
 
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import Floats
@@ -15,22 +16,17 @@ from fleetlog.roads.segments import distance_to_segment
 Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
 """ds [m] along a piece to u, v [m] and heading [rad] in the piece's own axes."""
 
-_NODES, _WEIGHTS = leggauss(12)
+_NODES, _WEIGHTS = (leggauss(12) + np.array([[1.0], [0.0]])) / 2.0  # from 0 to 1
 _TABLE = 513
 MOST = 200_000  # vertices of one line
 
 
-def line(ds: Floats) -> tuple[Floats, Floats, Floats]:
-    """Straight on."""
-    return ds, np.zeros_like(ds), np.zeros_like(ds)
-
-
 def arc(curvature: float) -> Curve:
-    """u = sin(k s) / k, v = (1 - cos(k s)) / k with k = ``curvature`` [1/m], left positive."""
+    """u = sin(k s) / k, v = (1 - cos(k s)) / k with k = ``curvature`` [1/m], left positive; 0 is straight."""
 
     def curve(ds: Floats) -> tuple[Floats, Floats, Floats]:
         turn = curvature * ds
-        # sinc keeps every digit where the turn is small, and covers k = 0.
+        # sinc keeps every digit where the turn is small.
         half = np.sinc(turn / (2.0 * np.pi)) * ds
         return half * np.cos(turn / 2.0), half * np.sin(turn / 2.0), turn
 
@@ -47,8 +43,8 @@ def spiral(start: float, end: float, length: float) -> Curve:
     panels = 1 + math.ceil(max(abs(start), abs(end)) * length)
 
     def curve(ds: Floats) -> tuple[Floats, Floats, Floats]:
-        share = (np.arange(panels)[:, None] + (_NODES + 1.0) / 2.0).ravel() / panels
-        weight = np.tile(_WEIGHTS, panels) / (2.0 * panels)
+        share = (np.arange(panels)[:, None] + _NODES).ravel() / panels
+        weight = np.tile(_WEIGHTS, panels) / panels
         s = ds[:, None] * share
         h = start * s + rate * s * s / 2.0
         return ds * (np.cos(h) @ weight), ds * (np.sin(h) @ weight), start * ds + rate * ds * ds / 2.0
@@ -86,9 +82,8 @@ def poly3(v: Floats, length: float) -> Curve:
 def _arc_length(grid: Floats, du: Polynomial, dv: Polynomial) -> Floats:
     """Arc length at every grid value: Gauss-Legendre within each cell, summed."""
     step = np.diff(grid)
-    p = grid[:-1, None] + step[:, None] * (_NODES + 1.0) / 2.0
-    cells = (np.hypot(du(p), dv(p)) @ _WEIGHTS) * step / 2.0
-    return np.concatenate([[0.0], np.cumsum(cells)])
+    p = grid[:-1, None] + step[:, None] * _NODES
+    return np.concatenate([[0.0], np.cumsum((np.hypot(du(p), dv(p)) @ _WEIGHTS) * step)])
 
 
 class Piece(NamedTuple):
@@ -112,17 +107,15 @@ class Plan(NamedTuple):
         """s [m] at the start of every piece."""
         return np.array([p.s for p in self.pieces], dtype=np.float64)
 
-    def at(self, s: Floats) -> tuple[Floats, Floats, Floats]:
-        """x, y [m] and heading [rad] at s [m], (N,) each; beyond a piece's length its end counts."""
-        s = np.asarray(s, dtype=np.float64)
-        x, y, h = np.empty_like(s), np.empty_like(s), np.empty_like(s)
-        which = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
+    def at(self, s: Floats) -> Floats:
+        """(3, N) x, y [m] and heading [rad] at s (N,) [m]; beyond a piece's length its end counts."""
+        out, which = np.empty((3, len(s))), _record(self.starts, s)
         for k in np.unique(which):
             rows, piece = which == k, self.pieces[k]
             u, v, turn = piece.curve(np.clip(s[rows] - piece.s, 0.0, piece.length))
             c, d = math.cos(piece.heading), math.sin(piece.heading)
-            x[rows], y[rows], h[rows] = piece.x + c * u - d * v, piece.y + d * u + c * v, piece.heading + turn
-        return x, y, h
+            out[:, rows] = piece.x + c * u - d * v, piece.y + d * u + c * v, piece.heading + turn
+        return out
 
 
 class Cubics(NamedTuple):
@@ -135,10 +128,15 @@ class Cubics(NamedTuple):
         """(N,) values at s [m]; 0 without records; before the first record its first value."""
         if not len(self.starts):
             return np.zeros_like(s)
-        k = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
+        k = _record(self.starts, s)
         ds = np.maximum(s - self.starts[k], 0.0)
         a, b, c, d = self.coefficients[k].T
         return np.asarray(a + ds * (b + ds * (c + ds * d)), dtype=np.float64)
+
+
+def _record(starts: Floats, s: Floats) -> NDArray[np.intp]:
+    """(N,) the last record that starts at or before each s; the first before all."""
+    return np.maximum(np.searchsorted(starts, s, side="right") - 1, 0)
 
 
 def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: float) -> Floats:
@@ -149,13 +147,10 @@ def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: floa
     """
     s = stations
     for _ in range(14):
-        low, step = s[:-1], np.diff(s)
-        ends = points(s)
-        worst = np.zeros(len(step))
-        for share in (0.25, 0.5, 0.75):
-            gap = distance_to_segment(points(low + share * step), ends[:-1], ends[1:])
-            worst = np.maximum(worst, gap)
-        coarse = worst > tolerance
+        low, step, ends = s[:-1], np.diff(s), points(s)
+        between = (points(low + share * step) for share in (0.25, 0.5, 0.75))
+        gaps = [distance_to_segment(inner, ends[:-1], ends[1:]) for inner in between]
+        coarse = np.max(gaps, axis=0) > tolerance
         if not coarse.any():
             break
         if len(s) > MOST:

@@ -9,88 +9,73 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain, pairwise, product
+from typing import Any
 
 import networkx as nx
 import numpy as np
 
-from fleetlog.core.network import Edge, Floats
+from fleetlog.core.network import Floats
 from fleetlog.roads.formats._documents import Element
-from fleetlog.roads.formats._odr_lanes import ENDS, MICRO, LaneEnd
-from fleetlog.roads.formats._odr_parse import End, Road, contact
+from fleetlog.roads.formats._odr_parse import ENDS, MICRO, End, LaneEnd, Road, contact
 from fleetlog.roads.formats.base import Tally, at, number
 
 Pair = tuple[LaneEnd, LaneEnd] | None
 """Two lane ends that a link joins; None where one of their roads does not exist."""
-GAP, BEND = 0.5, np.radians(20.0)
-"""Edges that follow one another but lie farther apart [m] or turn more sharply [rad] are told of."""
 
 
 def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> list[tuple[str, str]]:
     """The allowed turns, (edge id, next edge id), of the tally's lanes, whose nodes are lane ends.
 
-    Lane ends that touch become one node; gaps, kinks and dead ends are noted.
+    Lane ends that touch become one node; dead ends are noted.
     """
-    lanes = tally.edges
-    touching = _touching(roads, junctions, tally)
-    spots = [spot for lane in lanes for spot in (lane.start, lane.end)]
-    touching.add_nodes_from(spots)
+    lanes, touching = tally.edges, _touching(roads, junctions, tally)
+    entering: dict[str, list[str]] = defaultdict(list)
     nodes: dict[str, str] = {}
-    for spot in spots:
-        if spot not in nodes:
-            nodes |= dict.fromkeys(nx.node_connected_component(touching, spot), spot)
-    tally.edges = [replace(lane, start=nodes[lane.start], end=nodes[lane.end]) for lane in lanes]
-    entering: dict[str, list[Edge]] = defaultdict(list)
     for lane in lanes:
-        entering[lane.start].append(lane)
-    follow = {lane.id: [f for end in touching[lane.end] for f in entering[end]] for lane in lanes}
-    pairs = [(lane, f) for lane in lanes for f in follow[lane.id]]
-    broken = [(a.id, b.id) for a, b in pairs if not _joins(a.points, b.points)]
-    if broken:
-        first = " to ".join(broken[0])
-        what = f"a gap over {GAP:g} m or a kink over 20 degrees, the first {first}"
-        tally.notes.append(f"{len(broken)} turns have {what}")
-    if dead := sum(not after for after in follow.values()):
+        entering[lane.start].append(lane.id)
+        for spot in (lane.start, lane.end):
+            touching.add_node(spot)
+            if spot not in nodes:
+                nodes |= dict.fromkeys(nx.node_connected_component(touching, spot), spot)
+    tally.edges = [replace(lane, start=nodes[lane.start], end=nodes[lane.end]) for lane in lanes]
+    turns = [(lane.id, f) for lane in lanes for end in touching[lane.end] for f in entering[end]]
+    if dead := len(lanes) - len({a for a, _ in turns}):
         tally.notes.append(f"{dead} lanes end with no lane to follow")
-    return [(a.id, b.id) for a, b in pairs]
-
-
-def _joins(a: Floats, b: Floats) -> bool:
-    p, q = a[-1] - a[-2], b[1] - b[0]
-    turn = np.arctan2(p[0] * q[1] - p[1] * q[0], p[0] * q[0] + p[1] * q[1])
-    return bool(np.linalg.norm(a[-1] - b[0]) <= GAP and abs(turn) <= BEND)
+    return turns
 
 
 def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> "nx.Graph[str]":
     """All lane ends that touch, whichever of them says so."""
-    said: nx.DiGraph[str] = nx.DiGraph()
+    said: nx.DiGraph[LaneEnd] = nx.DiGraph()
     odd = 0
-    in_roads = (pair for road in roads.values() for pair in _links_of(road, roads))
-    in_junctions = (pair for junction in junctions for pair in _links_in(junction, roads, tally.notes))
-    for pair in chain(in_roads, in_junctions):
+    in_roads = (_links_of(road, roads) for road in roads.values())
+    in_junctions = (_links_in(junction, roads, tally.notes) for junction in junctions)
+    for pair in chain.from_iterable(chain(in_roads, in_junctions)):
         if pair is None or not all(s.lane in roads[s.road].sections[s.section].lanes for s in pair):
             odd += 1
         elif pair[0] != pair[1]:
-            said.add_edge(*map(str, pair), answers=not _at_junction(roads[pair[1].road], pair[1]))
-    if one := sum(said.edges[a, b]["answers"] and not said.has_edge(b, a) for a, b in said.edges):
+            said.add_edge(*pair)
+    # a junction lists the links of the roads that it meets in their stead
+    unanswered = (b for a, b in said.edges if not said.has_edge(b, a))
+    if one := sum(not _at_junction(roads[spot.road], spot) for spot in unanswered):
         what = "given in one direction only; they are taken to hold in both"
         tally.notes.append(f"{one} lane links are {what}")
     if odd:
         tally.notes.append(f"{odd} links name roads or lanes that do not exist and are left out")
-    touching = said.to_undirected()
+    touching: nx.Graph[Any] = said.to_undirected()
     # Sections too short to be edges are passed through.
     short = ((r, k, s) for r in roads.values() for k, s in enumerate(r.sections) if s.end - s.start < MICRO)
     for road, k, section in short:
         for lane in section.lanes:
-            both = (str(LaneEnd(road.id, k, lane, end)) for end in ENDS)
-            sides = (list(touching.adj.get(end, ())) for end in both)
+            sides = (list(touching.adj.get(LaneEnd(road.id, k, lane, end), ())) for end in ENDS)
             touching.add_edges_from((a, b) for a, b in product(*sides) if a != b)
-    return touching
+    return nx.relabel_nodes(touching, str)
 
 
 def _at_junction(road: Road, spot: LaneEnd) -> bool:
     """Whether the road meets a junction at this end, which then lists the links in its stead."""
-    link = road.links.get(spot.end)
-    return link is not None and link.kind == "junction" and spot == _outer(road, spot.lane, spot.end)
+    meets = spot.end in road.links and road.links[spot.end].kind == "junction"
+    return meets and spot == _outer(road, spot.lane, spot.end)
 
 
 def _outer(road: Road, lane: int, end: End) -> LaneEnd:
@@ -109,14 +94,12 @@ def _links_of(road: Road, roads: dict[str, Road]) -> Iterator[Pair]:
             yield from ((low, LaneEnd(road.id, k, i, "end")) for i in lane.links["start"])
     for end, link in road.links.items():
         other = roads.get(link.id)
-        if link.kind != "road":
-            continue
-        if other is None:
+        if link.kind == "road" and other is None:
             yield None
-            continue
-        there = link.contact or _nearest_end(other, _end_point(road, end))
-        for lane in road.sections[0 if end == "start" else -1].lanes.values():
-            yield from ((_outer(road, lane.id, end), _outer(other, i, there)) for i in lane.links[end])
+        elif link.kind == "road" and other is not None:
+            there = link.contact or _nearest_end(other, _end_point(road, end))
+            for lane in road.sections[0 if end == "start" else -1].lanes.values():
+                yield from ((_outer(road, lane.id, end), _outer(other, i, there)) for i in lane.links[end])
 
 
 def _links_in(junction: Element, roads: dict[str, Road], notes: list[str]) -> Iterator[Pair]:
@@ -131,10 +114,8 @@ def _links_in(junction: Element, roads: dict[str, Road], notes: list[str]) -> It
             yield None
             continue
         with at(f"junction {name}, connection {c.get('id')}"):
-            there = contact(c) or "start"
-            lanes = [
-                [int(number(e.get(k), "laneLink")) for k in ("from", "to")] for e in c.iterfind("laneLink")
-            ]
+            there, links = contact(c) or "start", c.iterfind("laneLink")
+            lanes = [[int(number(e.get(k), "laneLink")) for k in ("from", "to")] for e in links]
         # By the links of the incoming road, by nearness where they do not decide.
         meets = [end for end, link in incoming.links.items() if link.kind == "junction" and link.id == name]
         here = meets[0] if len(meets) == 1 else _nearest_end(incoming, _end_point(onward, there))
@@ -147,5 +128,4 @@ def _nearest_end(road: Road, spot: Floats) -> End:
 
 
 def _end_point(road: Road, end: End) -> Floats:
-    x, y, _ = road.plan.at(np.array([0.0 if end == "start" else road.length]))
-    return np.array([x[0], y[0]])
+    return road.plan.at(np.array([0.0 if end == "start" else road.length]))[:2, 0]

@@ -13,10 +13,11 @@ from fleetlog.roads.formats._documents import Element
 from fleetlog.roads.formats.base import SPEED_UNITS, at, number
 
 End = Literal["start", "end"]
-SIDES: tuple[tuple[End, str], ...] = (("start", "link/predecessor"), ("end", "link/successor"))
-LONGEST, TIGHTEST = 1e6, 100.0
-"""A road longer than this [m] or a turn of more than this [rad] in one piece is a wrong number."""
+ENDS: tuple[End, End] = ("start", "end")
+SIDES = tuple(zip(ENDS, ("link/predecessor", "link/successor"), strict=True))
+LONGEST, TIGHTEST = 1e6, 100.0  # a longer road [m], or more of a turn in one piece [rad], is wrong
 AGAIN = "correct the map"
+MICRO = 1e-3  # a lane section shorter than this [m] is no edge; its links are carried through
 
 
 class Lane(NamedTuple):
@@ -45,6 +46,18 @@ class RoadLink(NamedTuple):
     kind: str
     id: str
     contact: End | None
+
+
+class LaneEnd(NamedTuple):
+    """One end of a lane of a section."""
+
+    road: str
+    section: int
+    lane: int
+    end: End
+
+    def __str__(self) -> str:
+        return f"{self.road}:{self.section}:{self.lane}:{self.end}"
 
 
 class Road(NamedTuple):
@@ -78,13 +91,11 @@ def parse_road(element: Element) -> Road | None:
         raise SiteError(f"rule is {rule!r}", do="write RHT or LHT")
     profiles = ("elevationProfile/elevation", "lateralProfile/superelevation", "lanes/laneOffset")
     heights, rolls, offset = (_cubics(element.iterfind(profile)) for profile in profiles)
-    limits = ((kind, kind.find("speed")) for kind in element.iterfind("type"))
-    speeds = tuple((_floats(k, "s")[0], math.nan if limit is None else _speed(limit)) for k, limit in limits)
-    linked = ((end, element.find(tag)) for end, tag in SIDES)
-    links: dict[End, RoadLink] = {
-        end: RoadLink(link.get("elementType", "road"), link.get("elementId", ""), contact(link))
-        for end, link in linked if link is not None and "elementId" in link.attrib
-    }  # fmt: skip
+    speeds = tuple((_floats(k, "s")[0], _speed(k.find("speed"))) for k in element.iterfind("type"))
+    linked = ((end, link) for end, tag in SIDES for link in element.findall(f"{tag}[@elementId]")[:1])
+    links = {
+        end: RoadLink(e.get("elementType", "road"), str(e.get("elementId")), contact(e)) for end, e in linked
+    }
     sections = _sections(lanes, length)
     return Road(str(element.get("id")), rule, plan, length, heights, rolls, offset, sections, links, speeds)
 
@@ -111,10 +122,6 @@ def _curvature(e: Element, name: str, length: float) -> float:
     return curvature
 
 
-def _spiral(e: Element, length: float) -> geo.Curve:
-    return geo.spiral(_curvature(e, "curvStart", length), _curvature(e, "curvEnd", length), length)
-
-
 def _param_poly3(e: Element, length: float) -> geo.Curve:
     u, v = (np.array(_floats(e, *(f"{c}{axis}" for c in "abcd"))) for axis in "UV")
     kind = e.get("pRange", "normalized")
@@ -126,9 +133,11 @@ def _param_poly3(e: Element, length: float) -> geo.Curve:
 
 
 _SHAPES: dict[str, Callable[[Element, float], geo.Curve]] = {
-    "line": lambda e, length: geo.line,
+    "line": lambda e, length: geo.arc(0.0),
     "arc": lambda e, length: geo.arc(_curvature(e, "curvature", length)),
-    "spiral": _spiral,
+    "spiral": lambda e, length: geo.spiral(
+        _curvature(e, "curvStart", length), _curvature(e, "curvEnd", length), length
+    ),
     "poly3": lambda e, length: geo.poly3(np.array(_floats(e, *"abcd")), length),
     "paramPoly3": _param_poly3,
 }
@@ -157,9 +166,9 @@ def _lanes(section: Element, start: float) -> dict[int, Lane]:
     out = {lane.id: lane for lane in lanes}
     if len(out) < len(lanes):
         raise SiteError("two lanes have one id", do=AGAIN)
-    for ids in ([i for i in out if i > 0], [-i for i in out if i < 0]):
-        if sorted(ids) != list(range(1, len(ids) + 1)):
-            raise SiteError(f"lane ids {sorted(out)} do not count up from the centre", do=AGAIN)
+    counted = sorted({0, *out})
+    if counted != list(range(counted[0], counted[-1] + 1)):
+        raise SiteError(f"lane ids {sorted(out)} do not count up from the centre", do=AGAIN)
     return out
 
 
@@ -168,10 +177,8 @@ TRAVEL = {"forward": "+s", "backward": "-s", "bidirectional": "both"}
 
 
 def _lane(e: Element, start: float) -> Lane:
-    key, travel = _whole(e.get("id")), e.find("userData/vectorLane")
-    direction = e.get("direction", "")
-    if travel is not None and not direction:
-        direction = TRAVEL.get(travel.get("travelDir", ""), "")
+    key, travel = _whole(e.get("id")), str(e.xpath("string(userData/vectorLane/@travelDir)"))
+    direction = e.get("direction") or TRAVEL.get(travel, "")
     with at(f"lane {key}"):
         links = {end: tuple(_whole(x.get("id")) for x in e.iterfind(tag)) for end, tag in SIDES}
         speeds = tuple((start + _floats(x, "sOffset")[0], _speed(x)) for x in e.iterfind("speed"))
@@ -186,10 +193,10 @@ def _whole(text: Any) -> int:
     return int(value)
 
 
-def _speed(element: Element) -> float:
+def _speed(element: Element | None) -> float:
     """Limit [m/s] of a <speed>; NaN for "no limit" and "undefined"; without a known unit it is m/s."""
-    text = (element.get("max") or "").strip()
-    if text in ("no limit", "undefined", ""):
+    text = "" if element is None else (element.get("max") or "").strip()
+    if element is None or text in ("no limit", "undefined", ""):
         return math.nan
     unit = (element.get("unit") or "m/s").strip()
     value = number(text, "speed") * SPEED_UNITS.get(unit, 1.0)
@@ -199,8 +206,7 @@ def _speed(element: Element) -> float:
 
 def contact(element: Element) -> End | None:
     """The contact point of a link, None where it has none."""
-    text: Any = element.get("contactPoint")
-    if text not in (None, "start", "end"):
+    text = element.get("contactPoint")
+    if text not in (None, *ENDS):
         raise SiteError(f"contactPoint is {text!r}", do="write start or end")
-    end: End | None = text
-    return end
+    return next((end for end in ENDS if end == text), None)

@@ -1,6 +1,5 @@
 """What a map format gives: the type of a reader and of what it reads."""
 
-import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Edge, LoadReport
 from fleetlog.core.schema import shown
-from fleetlog.core.site import Place
+from fleetlog.core.site import Place, PlaceKind
 from fleetlog.errors import SiteError
 
 Floats = NDArray[np.float64]
@@ -69,12 +68,14 @@ class Reader:
 
 @dataclass
 class Tally:
-    """The edges of a map while it is read, how many of its roads are kept, and why others are not."""
+    """The edges and places of a map while it is read, how many roads are kept, and why others are not."""
 
     edges: list[Edge] = field(default_factory=list)
+    places: dict[str, Place] = field(default_factory=dict)
     kept: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
+    idle: int = 0  # stations where nothing is done
 
     @property
     def read(self) -> int:
@@ -93,12 +94,22 @@ class Tally:
         self.kept += 1
         self.edges += edges
 
+    def stop(self, name: str, kind: PlaceKind | None, spot: Floats) -> None:
+        """Take in a station; the first of a name stays, and those where nothing is done are noted."""
+        if kind is None:
+            self.idle += 1
+        else:
+            self.places.setdefault(name, Place(name, kind, *spot[:2].tolist()))
+
     def road_map(self, name: str, nothing: str, do: str, **more: Any) -> RoadMap:
         """What was read; :class:`SiteError` that says so and what to ``do`` where that is no edge."""
         if not self.edges:
             raise SiteError(nothing, do=do)
+        if self.idle:
+            self.notes.append(f"{self.idle} stations are left out: no action says what is done there")
         dropped = dict(sorted(self.dropped.items()))
-        return RoadMap(self.edges, LoadReport(name, self.read, self.kept, dropped, tuple(self.notes)), **more)
+        report = LoadReport(name, self.read, self.kept, dropped, tuple(self.notes))
+        return RoadMap(self.edges, report, places=tuple(self.places.values()), **more)
 
 
 class Nodes(dict[str, Floats]):
@@ -106,6 +117,11 @@ class Nodes(dict[str, Floats]):
 
     def __missing__(self, name: str) -> Floats:
         raise SiteError(f"there is no node {name!r}", do="correct the map")
+
+
+def spot(x: Any, y: Any, place: str, z: Any = 0.0) -> Floats:
+    """(3,) position of a map's text."""
+    return np.array([number(v, place) for v in (x, y, z)])
 
 
 HUGE = 1e9  # no coordinate, coefficient or count of a map is larger
@@ -139,22 +155,3 @@ def distinct(points: Floats, tolerance: float = 1e-9) -> Floats:
     # Heights may be unknown (NaN); they then tell no two vertices apart.
     keep[1:] = np.abs(np.nan_to_num(np.diff(points, axis=0))).max(axis=1) > tolerance
     return points[keep]
-
-
-def osm_width(text: str) -> float:
-    """Width [m] of an OSM ``width`` text, NaN where unknown or no road's."""
-    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*m?\s*", text)
-    return float(found[1]) if found and 0.0 < float(found[1]) < 100.0 else math.nan
-
-
-_SPEED = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?\s*$")
-
-
-def osm_speed(text: str) -> float:
-    """Lowest limit [m/s] of an OSM ``maxspeed`` text, NaN where unknown; plain numbers are km/h.
-
-    Source: wiki.openstreetmap.org/wiki/Key:maxspeed.
-    """
-    values = [_SPEED.match(part.strip(" '\"[]")) for part in re.split(r"[;,|]", text)]
-    speeds = [float(m[1]) * SPEED_UNITS[m[2] or "km/h"] for m in values if m]
-    return min((s for s in speeds if s > 0.0), default=math.nan)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from fleetlog.core.network import Edge, Floats, reversed_edge
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
-from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, distinct, number
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, number
 
 KNOWN = ("id", "from", "to", "oneway", "speed_limit", "width")
 TOLERANCE = 0.1  # vertices nearer than this [m] are one place; well under half the width of any road
@@ -29,11 +29,11 @@ TRUTH = {None: False, False: False, True: True, "no": False, "yes": True, "false
 
 def read(path: Path, options: MapOptions) -> RoadMap:
     """Read a file of roads; see the module."""
-    tally = Tally()
-    raw = _document(path)
-    lines, oneway = _roads(raw, tally)
+    tally, raw = Tally(), _document(path)
+    oneway = _add_roads(raw, tally)
     why = ", ".join(f"{count} {reason}" for reason, count in tally.dropped.items())
     nothing = f"no road in it: {len(raw)} features" + (f" ({why})" if why else "")
+    lines, tally.edges = tally.edges, []
     flat = sum(not np.isfinite(road.points[:, 2]).all() for road in lines)
     nameless = sum(not (road.start and road.end) for road in lines)
     if 0 < flat < len(lines):
@@ -41,15 +41,13 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     if 0 < nameless < len(lines):
         what = "name no nodes; theirs are found by coinciding ends"
         tally.notes.append(f"{nameless} of {len(lines)} roads {what}")
-    heights = not flat
     for line in _join_lines(lines, nameless == len(lines), tally.notes) if nameless else lines:
-        if not heights:
+        if flat:
             line.points[:, 2] = 0.0
         edge = replace(line, road=line.id)
         tally.edges += [edge] if line.road in oneway else [edge, reversed_edge(edge)]
-    return tally.road_map(
-        "GeoJSON", nothing, "give roads as LineStrings with an id", geographic=True, has_elevation=heights
-    )
+    do = "give roads as LineStrings with an id"
+    return tally.road_map("GeoJSON", nothing, do, geographic=True, has_elevation=not flat)
 
 
 def _document(path: Path) -> list[Any]:
@@ -65,9 +63,8 @@ def _document(path: Path) -> list[Any]:
     return list(data["features"])
 
 
-def _roads(raw: list[Any], tally: Tally) -> tuple[list[Edge], set[str]]:
-    """Roads as drawn, nodes "" where not named, heights NaN where the file has none; and the one-way ones."""
-    out: dict[str, Edge] = {}
+def _add_roads(raw: list[Any], tally: Tally) -> set[str]:
+    """Roads as drawn, nodes "" where not named, heights NaN where none are given; the one-way ones."""
     oneway: set[str] = set()
     unread: Counter[str] = Counter()
     unnamed = 0
@@ -83,25 +80,17 @@ def _roads(raw: list[Any], tally: Tally) -> tuple[list[Edge], set[str]]:
                 unnamed, name = unnamed + 1, f"road{n}"
             for k, part in enumerate(parts):
                 road = str(name) if len(parts) == 1 else f"{name}:part{k}"
-                points = distinct(_points(part))
-                if len(points) < 2:
-                    tally.dropped["without length"] += 1
-                    continue
-                if road in out:
-                    raise SiteError(f"the id {road!r} occurs twice", do="give every road its own")
-                tally.kept += 1
-                named = properties if len(parts) == 1 else {}
-                start, end = (str(named.get(k)) if named.get(k) is not None else "" for k in ("from", "to"))
+                ends = (properties.get(k) if len(parts) == 1 else None for k in ("from", "to"))
+                start, end = ("" if node is None else str(node) for node in ends)
                 limit, width = (_positive(properties.get(k), k) for k in ("speed_limit", "width"))
-                out[road] = Edge(road, start, end, points, road, limit, width)
-                if _truth(properties.get("oneway")):
-                    oneway.add(road)
+                tally.keep(Edge(road, start, end, _points(part), road, limit, width))
+                oneway |= {road} if _truth(properties.get("oneway")) else set()
     if unnamed:
         tally.notes.append(f"{unnamed} roads have no id and are numbered by their place in the file")
     for key, count in sorted(unread.items()):
         if close := difflib.get_close_matches(key.lower(), KNOWN, n=1, cutoff=0.75):
             tally.notes.append(f"property {key!r} of {count} roads is not read; did you mean {close[0]!r}?")
-    return list(out.values()), oneway
+    return oneway
 
 
 def _pieces(item: Any) -> tuple[dict[str, Any], list[Any]]:
@@ -124,10 +113,8 @@ def _points(raw: Any) -> Floats:
         rows.append([*map(number, vertex[:3]), math.nan][:3])
     points = np.array(rows, dtype=np.float64).reshape(-1, 3)
     if (np.abs(points[:, :2]) > [180.0, 90.0]).any():
-        raise SiteError(
-            "coordinates are not longitude and latitude in degrees",
-            do="export the roads in degrees (RFC 7946); local metres belong into an OpenDRIVE or LIF file",
-        )
+        do = "export the roads in degrees (RFC 7946); local metres belong into an OpenDRIVE or LIF file"
+        raise SiteError("coordinates are not longitude and latitude in degrees", do=do)
     return points
 
 
@@ -156,15 +143,10 @@ def _join_lines(lines: list[Edge], split: bool, notes: list[str]) -> list[Edge]:
     place = _places(np.concatenate([line.points for line in lines]), owner, first)
     names = {int(place[first[k]]): line.start for k, line in enumerate(lines) if line.start}
     names |= {int(place[first[k + 1] - 1]): line.end for k, line in enumerate(lines) if line.end}
-    # A place is shared where vertices of two roads fall together.
-    low, high = np.full(place.max() + 1, len(lines)), np.full(place.max() + 1, -1)
-    np.minimum.at(low, place, owner)
-    np.maximum.at(high, place, owner)
-    shared = (low != high) & split
+    shared = (np.bincount(np.unique([place, owner], axis=1)[0]) > 1) & split  # by several roads
     out: list[Edge] = []
     divided = 0
-    for k, line in enumerate(lines):
-        own = place[first[k] : first[k + 1]]
+    for line, own in zip(lines, np.split(place, first[1:-1]), strict=True):
         cut = shared[own] & (own != own[0]) & (own != own[-1])
         cut[1:] &= own[1:] != own[:-1]
         bounds = [0, *np.flatnonzero(cut).tolist(), len(own) - 1]

@@ -6,6 +6,8 @@ edges ``u_v_key`` (as OSM digitised it) and ``-u_v_key``.  Speed is ``maxspeed``
 """
 
 import math
+import re
+from collections import defaultdict
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,18 +18,8 @@ from fleetlog.core.frames import geographic
 from fleetlog.core.network import Edge, Floats, reverse_id
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import (
-    KMH,
-    MapOptions,
-    Nodes,
-    Reader,
-    RoadMap,
-    Tally,
-    at,
-    number,
-    osm_speed,
-    osm_width,
-)
+from fleetlog.roads.formats.base import KMH, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
+from fleetlog.roads.formats.osm import osm_speed, osm_width
 
 Attributes = dict[str, str]
 
@@ -43,10 +35,12 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     graph = root.find("graph")
     if graph is None:
         raise SiteError("has no graph", do="save it with OSMnx's save_graphml")
-    nodes = Nodes((str(n.get("id")), _spot(n, names)) for n in graph.iterfind("node"))
-    heights = all(math.isfinite(p[2]) for p in nodes.values())
-    for spot in nodes.values():
-        spot[2] = spot[2] if heights else 0.0
+    said = {str(n.get("id")): _attributes(n, names) for n in graph.iterfind("node")}
+    heights = all(a.get("elevation") for a in said.values())
+    nodes = Nodes()
+    for name, a in said.items():
+        height = a["elevation"] if heights else 0.0
+        nodes[name] = spot(a.get("x"), a.get("y"), f"node {name}", height)
     against: set[str] = set()
     for n, element in enumerate(graph.iterfind("edge")):
         u, v = str(element.get("source")), str(element.get("target"))
@@ -75,20 +69,14 @@ def _attributes(element: Element, names: dict[str, str]) -> Attributes:
     return {names.get(str(d.get("key")), ""): d.text or "" for d in element.iterfind("data")}
 
 
-def _spot(node: Element, names: dict[str, str]) -> Floats:
-    place, a = f"node {node.get('id')}", _attributes(node, names)
-    height = number(a["elevation"], place) if a.get("elevation") else math.nan
-    return np.array([number(a.get("x"), place), number(a.get("y"), place), height])
-
-
 def _line(text: str, start: Floats, end: Floats) -> Floats:
     """(n, 3) vertices of a WKT LINESTRING, heights even from node to node; straight without a text."""
     if not text:
         return np.array([start, end])
-    kind, _, body = text.partition("(")
-    if kind.split()[:1] != ["LINESTRING"] or not body.rstrip().endswith(")"):
+    found = re.fullmatch(r"\s*LINESTRING\b[^(]*\((.*)\)\s*", text)
+    if not found:
         raise SiteError(f"geometry {text[:30]!r} is no LINESTRING", do="save the graph again")
-    rows = [[number(v) for v in vertex.split()[:2]] for vertex in body.rstrip()[:-1].split(",")]
+    rows = [[number(v) for v in vertex.split()[:2]] for vertex in found[1].split(",")]
     if any(len(row) != 2 for row in rows) or len(rows) < 2:
         raise SiteError("its LINESTRING is broken", do="save the graph again")
     flat = np.array(rows, dtype=np.float64)
@@ -99,17 +87,14 @@ def _line(text: str, start: Floats, end: Floats) -> Floats:
 
 def _paired(edges: list[Edge], against: set[str]) -> list[Edge]:
     """Twins along one line become the two directions of one road, named after that not ``against`` OSM's."""
-    by_line: dict[tuple[str, str, bytes], list[int]] = {}
+    out, waiting = list(edges), defaultdict[tuple[str, str, bytes], list[int]](list)
     for k, edge in enumerate(edges):
-        by_line.setdefault((edge.start, edge.end, edge.points.tobytes()), []).append(k)
-    out, taken = list(edges), set[int]()
-    for k, edge in enumerate(edges):
-        twins = by_line.get((edge.end, edge.start, edge.points[::-1].tobytes()), [])
-        twin = next((t for t in twins if t not in taken and t != k), None)
-        if k in taken or twin is None:
+        twins = waiting[edge.end, edge.start, edge.points[::-1].tobytes()]
+        if not twins:
+            waiting[edge.start, edge.end, edge.points.tobytes()].append(k)
             continue
-        taken |= {k, twin}
-        first, second = (twin, k) if edge.id in against else (k, twin)
+        twin = twins.pop(0)
+        first, second = (k, twin) if edges[twin].id in against else (twin, k)
         out[second] = replace(edges[second], id=reverse_id(edges[first].id), road=edges[first].id)
     return out
 

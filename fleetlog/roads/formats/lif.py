@@ -8,18 +8,17 @@ layouts are kept in one network; a transition between floors is an edge.  Source
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fleetlog.core.network import Edge
-from fleetlog.core.site import Place, PlaceKind
+from fleetlog.core.site import PlaceKind
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
 from fleetlog.roads.formats._odr_geometry import sample
-from fleetlog.roads.formats.base import Floats, MapOptions, Nodes, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import Floats, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
 
 Item = dict[str, Any]
 
@@ -27,8 +26,7 @@ KINDS: tuple[tuple[str, PlaceKind], ...] = (
     ("startCharging", "charge"), ("pick", "pick"), ("drop", "drop"), ("park", "park"),
 )  # fmt: skip
 CHORD = 0.01  # largest distance [m] of a trajectory from its polyline
-LEAST, APART = 1e-6, 1e-9
-"""Smallest weight of a control point, and distance of two different knots, as a share of all."""
+LEAST, APART = 1e-6, 1e-9  # smallest weight of a control point; distance of two knots, as a share of all
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
@@ -40,15 +38,26 @@ def read(path: Path, options: MapOptions) -> RoadMap:
         [item for layout in _list(data, "layouts") for item in _list(layout, key)]
         for key in ("nodes", "edges", "stations")
     )
-    spots = Nodes((str(node.get("nodeId")), _spot(node)) for node in nodes)
+    for raw in nodes:
+        if not isinstance(raw.get("nodePosition"), dict):
+            place = f"node {raw.get('nodeId')}"
+            raise SiteError("has no position", place=place, do="export the layout with positions")
+    given = {str(node.get("nodeId")): node["nodePosition"] for node in nodes}
+    spots = Nodes((name, spot(p.get("x"), p.get("y"), f"node {name}")) for name, p in given.items())
     for raw in edges:
         with at(f"edge {raw.get('edgeId')}"):
             tally.keep(_edge(raw, spots), shortest=1e-6)
     kinds = {str(node.get("nodeId")): _per_type(node, "Node") for node in nodes}
-    places, forbidden = tuple(_places(stations, kinds, spots, tally.notes)), _about_turns(tally.edges)
+    for station in stations:
+        named = station.get("interactionNodeIds")
+        served = [str(n) for n in named if str(n) in spots] if isinstance(named, list) else []
+        properties = (p for n in served for p in kinds[n])
+        actions = {str(action.get("actionType")) for p in properties for action in _list(p, "actions")}
+        kind = next((kind for action, kind in KINDS if action in actions), None)
+        tally.stop(str(station.get("stationId")), kind, spots[served[0]] if served else np.zeros(2))
     nothing, do = f"no road in it: {tally.read} edges", "export the layout with its edges"
-    more: Item = {"places": places, "forbidden": forbidden, "has_elevation": False}
-    return tally.road_map("LIF, directed", nothing, do, **more)
+    forbidden = _about_turns(tally.edges)
+    return tally.road_map("LIF, directed", nothing, do, forbidden=forbidden, has_elevation=False)
 
 
 def _list(item: Item, key: str) -> list[Item]:
@@ -61,13 +70,6 @@ def _list(item: Item, key: str) -> list[Item]:
 def _per_type(item: Item, what: str) -> list[Item]:
     """The properties for each vehicle type; version 2 calls vehicles mobile robots."""
     return [p for kind in ("vehicle", "mobileRobot") for p in _list(item, f"{kind}Type{what}Properties")]
-
-
-def _spot(node: Item) -> Floats:
-    raw, place = node.get("nodePosition"), f"node {node.get('nodeId')}"
-    if not isinstance(raw, dict):
-        raise SiteError("has no position", place=place, do="export the layout with positions")
-    return np.array([number(raw.get("x"), place), number(raw.get("y"), place), 0.0])
 
 
 def _edge(raw: Item, spots: Nodes) -> Edge:
@@ -103,17 +105,13 @@ def _nurbs(raw: Any) -> Floats:
     rows = [[number(p.get(key), "controlPoints") for key in ("x", "y", "weight")] for p in named]
     x, y, weight = np.array(rows).reshape(-1, 3).T
     gaps = np.diff(knots)
-    short = not 1 <= degree < len(x)
-    if short or len(knots) != len(x) + degree + 1 or bool((gaps < 0).any()):
-        raise SiteError(
-            f"its trajectory of degree {degree} has {len(knots)} knots for {len(x)} control points",
-            do="there must be points + degree + 1 knots in rising order",
-        )
-    close = bool(((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any())
-    if close or knots[degree] == knots[len(x)] or bool((weight < LEAST).any()):
-        raise SiteError(
-            f"its knots nearly coincide or leave no curve, or a weight is below {LEAST:g}", do=again
-        )
+    if not 1 <= degree < len(x) or len(knots) != len(x) + degree + 1 or (gaps < 0).any():
+        what = f"its trajectory of degree {degree} has {len(knots)} knots for {len(x)} control points"
+        raise SiteError(what, do="there must be points + degree + 1 knots in rising order")
+    close = ((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any()
+    if close or knots[degree] == knots[len(x)] or (weight < LEAST).any():
+        what = f"its knots nearly coincide or leave no curve, or a weight is below {LEAST:g}"
+        raise SiteError(what, do=again)
     spline = BSpline(knots, np.column_stack([x * weight, y * weight, weight]), degree)
 
     def at(u: Floats) -> Floats:
@@ -130,24 +128,6 @@ def _about_turns(edges: list[Edge]) -> frozenset[tuple[str, str]]:
         leaving[edge.start].append(edge)
     leads_on = (e for e in edges if any(f.end != e.start for f in leaving[e.end]))
     return frozenset((e.id, f.id) for e in leads_on for f in leaving[e.end] if f.end == e.start)
-
-
-def _places(
-    stations: list[Item], kinds: dict[str, list[Item]], spots: Nodes, notes: list[str]
-) -> Iterator[Place]:
-    unknown = 0
-    for station in stations:
-        named = station.get("interactionNodeIds")
-        served = [str(n) for n in named if str(n) in spots] if isinstance(named, list) else []
-        properties = (p for n in served for p in kinds[n])
-        actions = {str(action.get("actionType")) for p in properties for action in _list(p, "actions")}
-        kind = next((kind for action, kind in KINDS if action in actions), None)
-        if kind is None:
-            unknown += 1
-        else:
-            yield Place(str(station.get("stationId")), kind, *spots[served[0]][:2].tolist())
-    if unknown:
-        notes.append(f"{unknown} stations are left out: no action at their nodes says what is done there")
 
 
 READER = Reader("LIF", (".json", ".lif"), r'\A\{.*"(lifVersion|layouts)"', read)

@@ -14,7 +14,7 @@ import numpy as np
 
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.network import Edge, reversed_edge
-from fleetlog.core.site import Place, PlaceKind
+from fleetlog.core.site import PlaceKind
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, at, number
 
@@ -28,9 +28,7 @@ MARKS: tuple[tuple[str, PlaceKind], ...] = (
 
 def read(path: Path, options: MapOptions) -> RoadMap:
     """Read a graph or a building; see the module."""
-    levels = _levels(path)
-    tally = Tally()
-    places: dict[str, Place] = {}
+    levels, tally = _levels(path), Tally()
     for name, level in levels.items():
         front = f"{name}/" if len(levels) > 1 else ""
         with at(f"level {name}"):
@@ -38,10 +36,9 @@ def read(path: Path, options: MapOptions) -> RoadMap:
         _add_lanes(level, spots, front, tally)
         for k, (spot, said) in enumerate(zip(spots, words, strict=True)):
             if kind := next((kind for mark, kind in MARKS if said.get(mark)), None):
-                place = Place(f"{front}{said.get('name') or k}", kind, *spot[:2].tolist())
-                places.setdefault(place.id, place)
+                tally.stop(f"{front}{said.get('name') or k}", kind, spot)
     nothing, do = f"no lane in it: {len(levels)} levels", "export it with its lanes"
-    return tally.road_map("Open-RMF", nothing, do, places=tuple(places.values()), has_elevation=False)
+    return tally.road_map("Open-RMF", nothing, do, has_elevation=False)
 
 
 def _levels(path: Path) -> dict[str, Level]:
@@ -84,16 +81,15 @@ def _vertices(level: Level) -> tuple[Floats, list[dict[str, Any]]]:
 
 def _scale(level: Level, spots: Floats) -> float:
     """Metres a pixel: the mean over the measured lines."""
-    found = []
-    for row in _rows(level, "measurements", 3):
-        a, b = (_index(v, len(spots)) for v in row[:2])
-        pixels = float(np.hypot(*(spots[a] - spots[b])[:2]))
-        if pixels > 0.0:
-            found.append(number(_options(row).get("distance")) / pixels)
-    if not found or not np.mean(found) > 0.0:
+    rows = _rows(level, "measurements", 3)
+    ends = np.array([[_index(v, len(spots)) for v in row[:2]] for row in rows], int).reshape(-1, 2)
+    metres = np.array([number(_options(row).get("distance")) for row in rows])
+    pixels = np.linalg.norm(spots[ends[:, 0]] - spots[ends[:, 1]], axis=1)
+    scale = float(np.mean(metres[pixels > 0.0] / pixels[pixels > 0.0])) if pixels.any() else 0.0
+    if not scale > 0.0:
         do = "measure a line in the traffic editor"
         raise SiteError("has no measurement, so its scale is unknown", do=do)
-    return float(np.mean(found))
+    return scale
 
 
 def _index(value: Any, count: int) -> int:

@@ -8,27 +8,39 @@ included files.
 
 import math
 import re
+from collections import defaultdict
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from fleetlog.core.frames import geographic
-from fleetlog.core.network import Floats
+from fleetlog.core.network import Edge, Floats, reverse_id
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats._odr_lanes import DRIVEN, lane_edges
+from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats._odr_links import connect
-from fleetlog.roads.formats._odr_parse import Road, parse_road
+from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, parse_road
 from fleetlog.roads.formats.base import HUGE, Inverse, MapOptions, Reader, RoadMap, Tally, at, number
 
-NOWHERE = "so the map has no place on earth"
+DRIVEN = frozenset({
+    "driving", "bidirectional", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane",
+    "mwyEntry", "mwyExit",
+})  # fmt: skip
+"""Lane types that are driven unless the user says otherwise."""
+CHORD = 0.005  # largest distance [m] of a lane's centre line from its polyline
+THIN = 0.05  # a lane that is nowhere wider than this [m] is not there
+BEFORE_END = 1e-7  # a section is read this far before its end, where records of the next one start [m]
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
     """Read an OpenDRIVE file; see the module."""
     tally = Tally()
     root = parse_xml(path, "OpenDRIVE", tally.notes)
-    version = _version(root)
+    header = root.find("header")
+    parts = [] if header is None else [header.get(k, "0") for k in ("revMajor", "revMinor")]
+    version = ".".join(f"{number(part, 'header'):.0f}" for part in parts) or "without header"
     roads = _roads(root, tally.notes)
     _add_lanes(roads, options, tally)
     allowed = connect(roads, root.findall("junction"), tally)
@@ -44,27 +56,15 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     )  # fmt: skip
 
 
-def _version(root: Element) -> str:
-    header = root.find("header")
-    if header is None:
-        return "without header"
-    major, minor = (int(number(header.get(k, "0"), f"header, {k}")) for k in ("revMajor", "revMinor"))
-    return f"{major}.{minor}"
-
-
 def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
     roads: dict[str, Road] = {}
-    bare = 0
-    for element in root.iterfind("road"):
+    elements = root.findall("road")
+    for element in elements:
         with at(f"road {element.get('id')}"):
             road = parse_road(element)
-        if road is None:
-            bare += 1
-        elif road.id in roads:
+        if road and roads.setdefault(road.id, road) is not road:
             raise SiteError(f"two roads have the id {road.id!r}", place=f"line {element.sourceline}")
-        else:
-            roads[road.id] = road
-    if bare:
+    if bare := len(elements) - len(roads):
         notes.append(f"{bare} roads have no geometry or no lanes and are left out")
     if root.find(".//include") is not None:
         notes.append("included files are not read")
@@ -72,15 +72,15 @@ def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
 
 
 def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> None:
-    skipped: dict[str, float] = {}
+    skipped: dict[str, float] = defaultdict(float)
     default = "LHT" if options.traffic == "left" else "RHT"
     driven = options.lane_types or DRIVEN
     for road in roads.values():
-        for edge in lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped):
-            if float(np.abs(edge.points).max()) > HUGE:
-                place = f"road {road.id}"
-                raise SiteError("its lanes lie beyond the earth", place=place, do="correct the map")
-            tally.edges.append(edge)
+        edges = [*_lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped)]
+        if not all((np.abs(edge.points) <= HUGE).all() for edge in edges):
+            place = f"road {road.id}"
+            raise SiteError("its lanes lie beyond the earth", place=place, do="correct the map")
+        tally.edges += edges
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))
         tally.notes.append(f"length of the lanes that are left out, by type: {parts}")
@@ -88,6 +88,105 @@ def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> Non
     if options.traffic and against:
         what = f"a rule of their own that differs from traffic = {options.traffic!r}; it holds there"
         tally.notes.append(f"{against} roads have {what}")
+
+
+def _lane_edges(
+    road: Road, driven: frozenset[str], left: bool, tally: Tally, skipped: dict[str, float]
+) -> Iterator[Edge]:
+    """The edges of a road, from lane end to lane end; ``skipped`` gathers the metres left out, by type."""
+    for k, section in enumerate(road.sections):
+        length = section.end - section.start
+        some = np.linspace(section.start, section.end - BEFORE_END, 9)
+        for lane in section.lanes.values():
+            if lane.id == 0:
+                continue
+            widths = np.abs(np.diff(_sides(road, section, lane, some), axis=0))
+            if lane.type not in driven:
+                tally.dropped[f"lane type {lane.type}"] += 1
+                skipped[lane.type] += length
+            elif length < MICRO:
+                tally.dropped["shorter than 1 mm"] += 1
+            elif widths.max() < THIN:
+                tally.dropped["without width"] += 1
+            else:
+                tally.kept += 1
+                yield from _directed(road, k, lane, left, float(widths.mean()))
+
+
+def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Iterator[Edge]:
+    section = road.sections[k]
+    points, name = _centre_line(road, section, lane), f"{road.id}:{k}:{lane.id}"
+    # The limit on the greatest part of the section, the lane's or else the road's.
+    limit = _lasting(lane.speeds or road.speeds, section)
+    low, high = (str(LaneEnd(road.id, k, lane.id, end)) for end in ENDS)
+    for edge_id, forward in zip((name, reverse_id(name)), _directions(lane, left), strict=False):
+        start, end, line = (low, high, points) if forward else (high, low, points[::-1].copy())
+        yield Edge(edge_id, start, end, line, name, limit, width)
+
+
+def _directions(lane: Lane, left: bool) -> tuple[bool, ...]:
+    """Whether the lane is driven along s (True) or against it; two-way lanes both, the usual way first."""
+    usual = (lane.id < 0) != left
+    if lane.direction in ("+s", "-s"):
+        return (lane.direction == "+s",)
+    if lane.direction == "both" or lane.type == "bidirectional":
+        return (usual, not usual)
+    return (not usual,) if lane.direction == "reversed" else (usual,)
+
+
+def _inward(section: Section, lane: Lane) -> list[Lane]:
+    """The lanes from the centre to this one, itself included."""
+    side = 1 if lane.id > 0 else -1
+    return [section.lanes[i] for i in range(side, lane.id + side, side)]
+
+
+def _centre_line(road: Road, section: Section, lane: Lane) -> Floats:
+    """(n, 3) centre of a lane [m] along s; chords within 5 mm of it."""
+
+    def at(s: Floats) -> Floats:
+        s = np.minimum(s, section.end - BEFORE_END)
+        x, y, heading = road.plan.at(s)
+        t = np.mean(_sides(road, section, lane, s), axis=0)
+        roll = road.superelevation.at(s)
+        flat = t * np.cos(roll)
+        z = road.elevation.at(s) + t * np.sin(roll)
+        return np.column_stack([x - flat * np.sin(heading), y + flat * np.cos(heading), z])
+
+    return at(sample(at, _stations(road, section, _inward(section, lane)), CHORD))
+
+
+def _stations(road: Road, section: Section, lanes: list[Lane]) -> Floats:
+    """s [m] of a section's ends, of every record that starts inside it, and at most 25 m apart."""
+    cubics = [road.elevation, road.superelevation, road.offset]
+    cubics += [table for lane in lanes for table in (lane.widths, lane.borders)]
+    marks = np.concatenate([road.plan.starts, *(table.starts for table in cubics)])
+    inner = marks[(marks > section.start + 1e-6) & (marks < section.end - 1e-6)]
+    pieces = max(1, math.ceil((section.end - section.start) / 25.0))
+    s = np.unique([*inner, *np.linspace(section.start, section.end, 1 + pieces)])
+    # the last one is the end of the section, and stays
+    return np.asarray(s[np.append(np.diff(s[:-1], prepend=-np.inf) > 1e-6, True)])
+
+
+def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats, Floats]:
+    """(N,) lateral places t [m] of the inner and outer border of a lane, left positive."""
+    inner = outer = offset = road.offset.at(s)
+    for inward in _inward(section, lane):
+        inner = outer
+        if len(inward.widths.starts) or not len(inward.borders.starts):
+            outer = inner + np.sign(lane.id) * np.maximum(inward.widths.at(s), 0.0)
+        else:
+            outer = offset + inward.borders.at(s)
+    return inner, outer
+
+
+def _lasting(records: tuple[tuple[float, float], ...], section: Section) -> float:
+    """Of (s, limit) the limit on the greatest part of a section [m/s]; NaN unknown."""
+    best, longest = math.nan, 0.0
+    for (s, limit), (until, _) in pairwise([*sorted(records), (math.inf, math.nan)]):
+        part = min(until, section.end) - max(s, section.start)
+        if part > longest + 1e-9:
+            best, longest = limit, part
+    return best
 
 
 def _earth(root: Element, notes: list[str]) -> Inverse | None:
@@ -99,22 +198,18 @@ def _earth(root: Element, notes: list[str]) -> Inverse | None:
         text = f"+proj=tmerc {text}"
     # Vertical grids are not part of an installation and do not move anything in the plane.
     plain = re.sub(r"\+(geoidgrids|vunits)=\S+", "", text) if text.startswith("+") else text
-    if why := _no_place(plain):
-        notes.append(why)
-        return None
-    offset = root.find("header/offset")
-    by = [
-        0.0 if offset is None else number(offset.get(k, "0"), f"header offset, {k}")
-        for k in ("x", "y", "hdg")
-    ]
+    offset = [(k, root.xpath(f"string(header/offset/@{k})") or 0.0) for k in ("x", "y", "hdg")]
+    by = [number(value, f"header offset, {k}") for k, value in offset]
 
     def inverse(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         return geographic(plain, *moved(x, y, *by))
 
-    if not np.isfinite(inverse(np.zeros(1), np.zeros(1))).all():
-        notes.append(f"the geoReference does not reach the map's coordinates, {NOWHERE}")
-        return None
-    return inverse
+    why = _no_place(plain)
+    if not why and not np.isfinite(inverse(np.zeros(1), np.zeros(1))).all():
+        why = "the geoReference does not reach the map's coordinates"
+    if why:
+        notes.append(f"{why}, so the map has no place on earth; state [frame] in a site.toml to give it one")
+    return None if why else inverse
 
 
 def moved(x: Floats, y: Floats, east: float, north: float, heading: float) -> tuple[Floats, Floats]:
@@ -130,17 +225,16 @@ def _no_place(text: str) -> str:
     from pyproj.exceptions import ProjError
 
     if not text:
-        return f"there is no geoReference, {NOWHERE}; state [frame] in a site.toml to give it one"
+        return "there is no geoReference"
     zone, longitude = re.search(r"\+zone=(\d+)", text), re.search(r"\+lon_0=(-?[\d.]+)", text)
     if "+proj=utm" in text and zone and longitude and abs(6 * int(zone[1]) - 183 - float(longitude[1])) > 6.0:
-        fault = f"UTM zone {zone[1]} and lon_0 {longitude[1]}"
-        return f"the geoReference contradicts itself ({fault}), {NOWHERE}"
+        return f"the geoReference contradicts itself (UTM zone {zone[1]} and lon_0 {longitude[1]})"
     try:
         crs = CRS.from_user_input(text)
         geographic(text, [], [])
     except ProjError as error:
-        return f"the geoReference is not understood ({str(error).splitlines()[0]}), {NOWHERE}"
-    return "" if crs.is_projected else f"the geoReference is no projection to metres, {NOWHERE}"
+        return f"the geoReference is not understood ({str(error).splitlines()[0]})"
+    return "" if crs.is_projected else "the geoReference is no projection to metres"
 
 
 READER = Reader("OpenDRIVE", (".xodr",), "<OpenDRIVE", read)

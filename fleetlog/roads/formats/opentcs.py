@@ -7,16 +7,15 @@ places by the operations that their type allows.  Source: the schemas of the ope
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from fleetlog.core.network import Edge, reversed_edge
-from fleetlog.core.site import Place, PlaceKind
+from fleetlog.core.site import PlaceKind
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import Floats, MapOptions, Nodes, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import Floats, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
 
 MILLI = 1e-3
 WORDS: tuple[tuple[str, PlaceKind], ...] = (
@@ -35,19 +34,23 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     for element in model.iterfind("path"):
         with at(f"path {element.get('name')}"):
             _add_path(element, spots, tally)
-    parking = (name for name, p in points.items() if p.get("type") == "PARK_POSITION")
-    places = {p.id: p for p in _locations(model, spots, tally.notes)}
-    for name in parking:
-        places.setdefault(name, Place(name, "park", *spots[name][:2].tolist()))
+    allowed = {str(t.get("name")): _kind([t]) for t in model.iterfind("locationType")}
+    for location in model.iterfind("location"):
+        links = [link for link in location.iterfind("link") if str(link.get("point")) in spots]
+        kind = _kind(links) or allowed.get(str(location.get("type")))
+        where = spots[str(links[0].get("point"))] if links else _spot(location)
+        tally.stop(str(location.get("name")), kind, where)
+    for name, point in points.items():
+        if point.get("type") == "PARK_POSITION":
+            tally.stop(name, "park", spots[name])
     nothing, do = f"no path that may be driven in it ({tally.read} read)", "unlock its paths"
-    return tally.road_map("openTCS", nothing, do, places=tuple(places.values()), has_elevation=False)
+    return tally.road_map("openTCS", nothing, do, has_elevation=False)
 
 
 def _spot(element: Element) -> Floats:
     """Position [m]; its attributes changed their names with version 0.0.5."""
-    given = (element.get(f"position{axis.upper()}", element.get(f"{axis}Position")) for axis in "xy")
-    x, y = (number(v, f"{element.tag} {element.get('name')}") for v in given)
-    return np.array([x * MILLI, y * MILLI, 0.0])
+    x, y = (element.get(f"position{axis.upper()}", element.get(f"{axis}Position")) for axis in "xy")
+    return spot(x, y, f"{element.tag} {element.get('name')}") * MILLI
 
 
 def _add_path(element: Element, spots: Nodes, tally: Tally) -> None:
@@ -61,21 +64,6 @@ def _add_path(element: Element, spots: Nodes, tally: Tally) -> None:
         tally.dropped["locked"] += 1
     else:
         tally.keep(*directions, shortest=MILLI)
-
-
-def _locations(model: Element, spots: Nodes, notes: list[str]) -> Iterator[Place]:
-    allowed = {str(t.get("name")): _kind([t]) for t in model.iterfind("locationType")}
-    unknown = 0
-    for location in model.iterfind("location"):
-        links = [link for link in location.iterfind("link") if str(link.get("point")) in spots]
-        kind = _kind(links) or allowed.get(str(location.get("type")))
-        if kind is None:
-            unknown += 1
-            continue
-        x, y, _ = (spots[str(links[0].get("point"))] if links else _spot(location)).tolist()
-        yield Place(str(location.get("name")), kind, x, y)
-    if unknown:
-        notes.append(f"{unknown} locations are left out: no operation says what is done there")
 
 
 def _kind(elements: list[Element]) -> PlaceKind | None:

@@ -4,6 +4,8 @@ A way ``123`` that meets no other in its middle is the road ``123``, else its pa
 ...  Source of the tags: wiki.openstreetmap.org, Key:highway, Key:oneway, Relation:restriction.
 """
 
+import math
+import re
 from collections import Counter, defaultdict
 from itertools import groupby, pairwise
 from pathlib import Path
@@ -13,7 +15,7 @@ import numpy as np
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.roads.formats import _lanelets
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, number, osm_speed, osm_width
+from fleetlog.roads.formats.base import SPEED_UNITS, Floats, MapOptions, Reader, RoadMap, Tally, spot
 
 Tags = dict[str, str]
 
@@ -31,7 +33,8 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     root = parse_xml(path, "osm", tally.notes)
     if _lanelets.holds_lanelets(root):
         return _lanelets.read(path)
-    spots = {str(n.get("id")): _spot(n) for n in root.iterfind("node") if _alive(n)}
+    nodes = {str(n.get("id")): n for n in root.iterfind("node") if _alive(n)}
+    spots = {name: spot(n.get("lon"), n.get("lat"), f"node {name}") for name, n in nodes.items()}
     ways = _ways(root, options.road_classes or DRIVEN, spots, tally)
     tally.kept = len(ways)
     uses = Counter(node for _, chain, _ in ways for node in chain)
@@ -52,13 +55,8 @@ def _alive(element: Element) -> bool:
     return bool(element.get("visible") != "false" and element.get("action") != "delete")
 
 
-def _spot(node: Element) -> tuple[float, float]:
-    place = f"node {node.get('id')}"
-    return number(node.get("lon"), place), number(node.get("lat"), place)
-
-
 def _ways(
-    root: Element, driven: frozenset[str], spots: dict[str, tuple[float, float]], tally: Tally
+    root: Element, driven: frozenset[str], spots: dict[str, Floats], tally: Tally
 ) -> list[tuple[str, list[str], Tags]]:
     """Id, nodes and tags of the driven ways."""
     out, cut = [], 0
@@ -91,7 +89,7 @@ def _reason(tags: Tags, driven: frozenset[str]) -> str:
 
 
 def _edges(
-    way: str, chain: list[str], tags: Tags, uses: Counter[str], spots: dict[str, tuple[float, float]]
+    way: str, chain: list[str], tags: Tags, uses: Counter[str], spots: dict[str, Floats]
 ) -> list[Edge]:
     """The parts of a way between the nodes that it shares, in the directions in which they are driven."""
     implied = "yes" if tags.get("junction") == "roundabout" or tags["highway"] == "motorway" else "no"
@@ -100,7 +98,7 @@ def _edges(
     inner = [k for k in range(1, len(chain) - 1) if uses[chain[k]] > 1]
     out = []
     for k, (a, b) in enumerate(pairwise([0, *inner, len(chain) - 1])):
-        points = np.array([(*spots[n], 0.0) for n in chain[a : b + 1]])
+        points = np.array([spots[n] for n in chain[a : b + 1]])
         name = f"{way}:{k}" if inner else way
         edge = Edge(name, chain[a], chain[b], points, name, limit, width)
         out += [] if oneway in ("-1", "reverse") else [edge]
@@ -116,25 +114,40 @@ def _forbidden(root: Element, parts: dict[str, list[Edge]], tally: Tally) -> fro
     out: set[tuple[str, str]] = set()
     unread = 0
     for relation in root.iterfind("relation"):
-        tags = _tags(relation)
-        rule = tags.get("restriction", "")
-        if tags.get("type") != "restriction" or not rule.startswith(("no_", "only_")):
+        rule = _tags(relation).get("restriction", "")
+        if _tags(relation).get("type") != "restriction" or not rule.startswith(("no_", "only_")):
             continue
-        members = {str(m.get("role")): m for m in relation.iterfind("member")}
-        refs = {role: str(member.get("ref")) for role, member in members.items()}
-        node = refs.get("via")
-        if node is None or members["via"].get("type") != "node":
-            unread += 1
-            continue
-        incoming = [e.id for e in parts.get(refs.get("from", ""), ()) if e.end == node]
-        onward = {e.id for e in parts.get(refs.get("to", ""), ()) if e.start == node}
+        refs = {(m.get("role"), m.get("type")): m.get("ref") for m in relation.iterfind("member")}
+        node = refs.get(("via", "node"))
+        unread += node is None
+        incoming = [e.id for e in parts.get(refs.get(("from", "way"), ""), ()) if e.end == node]
+        onward = {e.id for e in parts.get(refs.get(("to", "way"), ""), ()) if e.start == node}
         if rule.startswith("only_"):
             # Without the way that it leads to (beyond the extract) the rule would close the road.
-            onward = leaving[node] - onward if onward else set()
+            onward = leaving[str(node)] - onward if onward else set()
         out |= {(a, b) for a in incoming for b in onward}
     if unread:
         tally.notes.append(f"{unread} turn restrictions that lead over ways are not read")
     return frozenset(out)
+
+
+def osm_width(text: str) -> float:
+    """Width [m] of an OSM ``width`` text, NaN where unknown or no road's."""
+    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*m?\s*", text)
+    return float(found[1]) if found and 0.0 < float(found[1]) < 100.0 else math.nan
+
+
+_SPEED = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?\s*$")
+
+
+def osm_speed(text: str) -> float:
+    """Lowest limit [m/s] of an OSM ``maxspeed`` text, NaN where unknown; plain numbers are km/h.
+
+    Source: wiki.openstreetmap.org/wiki/Key:maxspeed.
+    """
+    values = [_SPEED.match(part.strip(" '\"[]")) for part in re.split(r"[;,|]", text)]
+    speeds = [float(m[1]) * SPEED_UNITS[m[2] or "km/h"] for m in values if m]
+    return min((s for s in speeds if s > 0.0), default=math.nan)
 
 
 READER = Reader("OSM XML", (".osm",), "<osm", read)

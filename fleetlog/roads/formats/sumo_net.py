@@ -14,7 +14,7 @@ from fleetlog.core.network import Edge
 from fleetlog.core.schema import Wrong
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import Floats, Inverse, MapOptions, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import Inverse, MapOptions, Reader, RoadMap, Tally, at, number
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
@@ -51,21 +51,18 @@ def _driven(lane: Element) -> bool:
 def _edge(element: Element, lanes: list[Element]) -> Edge:
     name, start, end = (str(element.get(key)) for key in ("id", "from", "to"))
     shape = element.get("shape") if len(lanes) > 1 else None
-    points = _line(shape or lanes[len(lanes) // 2].get("shape") or "")
+    text = shape or lanes[len(lanes) // 2].get("shape") or ""
+    rows = [[number(v) for v in spot.split(",")] for spot in text.split()]
+    if any(len(row) not in (2, 3) for row in rows):
+        raise SiteError("its shape is no list of x,y or x,y,z", do="build it again")
+    points = np.array([[*row, 0.0][:3] for row in rows], dtype=np.float64).reshape(-1, 3)
     limit = max(number(lane.get("speed", "0")) for lane in lanes)
     width = sum(number(lane.get("width", "3.2")) for lane in lanes)
     return Edge(name, start, end, points, name.removeprefix("-"), limit if limit > 0.0 else math.nan, width)
 
 
-def _line(text: str) -> Floats:
-    rows = [[number(v) for v in spot.split(",")] for spot in text.split()]
-    if any(len(row) not in (2, 3) for row in rows):
-        raise SiteError("its shape is no list of x,y or x,y,z", do="build it again")
-    return np.array([[*row, 0.0][:3] for row in rows], dtype=np.float64).reshape(-1, 3)
-
-
 def _earth(location: Element | None, notes: list[str]) -> Inverse | None:
-    projection = "!" if location is None else str(location.get("projParameter", "!"))
+    projection = "!" if location is None else location.get("projParameter", "!")
     if location is None or projection in ("!", "-", "."):
         return None
     east, north, *_ = (number(v, "location") for v in str(location.get("netOffset", "0,0")).split(","))

@@ -1,1 +1,1 @@
-"""Compiled loops: grouping, candidates, distances, decoding, routes, placing."""
+"""Compiled loops: grouping, distances, decoding, routes, placing."""

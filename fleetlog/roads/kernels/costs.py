@@ -12,11 +12,9 @@ JUMP = 12.0  # cost of two groups on roads that no path connects: the chain star
 RARE = np.exp(-JUMP)
 LEAVE = 4.0  # cost of leaving the roads, and of coming back
 LEFT = np.exp(-LEAVE)
-SLACK = 5.0
-"""A way this much longer than the travelled distance is always tried [m]: two corners, taken short."""
+SLACK = 5.0  # a way this much longer than what was travelled is tried: two corners, taken short [m]
 CHANGE = 0.5  # cost of entering another edge: of two routes that fit alike the plainer one
-IDLE_CHANGE = 2.0
-"""Cost of entering another edge only to stand there: a truck at a node has not left its edge yet."""
+IDLE_CHANGE = 2.0  # cost of entering one only to stand there: a truck at a node has not left its edge
 CHAIN_END = -2
 BY_JUMP = 1 << 20
 

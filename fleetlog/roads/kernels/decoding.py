@@ -8,6 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, LEAVE, LEFT, RARE, reach_of, step_costs
@@ -35,17 +36,14 @@ def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Groups, bet
 class Scratch(NamedTuple):
     """For blocks of at most B groups with at most W states."""
 
-    steps: Floats  # (B W W,) probabilities of steps
-    at: Wide  # where those of a group begin
-    states: Wide  # where its states begin in the (B W,) values of states
-    delta: Floats
+    steps: NDArray[np.float32]  # (B W W,) probabilities of steps
+    delta: Floats  # (B W,), as the next four
     alpha: Floats
     gamma: Floats
     own: Floats
     came: Wide
     cost: Floats  # (W, W) of one step
-    alpha0: Floats  # (W,) of the group before a block
-    beta: Floats
+    beta: Floats  # (W,), as the next
     later: Floats
     slot: Wide  # (E,) state of an edge, -1
 
@@ -55,12 +53,10 @@ def scratch(near: Candidates, edges: int) -> Scratch:
     widest = int(np.diff(near.ptr).max()) + 1
     groups = min(len(near.ptr), BLOCK + AHEAD + 1)
     delta, alpha, gamma, own = np.empty((4, groups * widest))
-    alpha0, beta, later = np.empty((3, widest))
-    return Scratch(
-        np.empty(groups * widest * widest, np.float32), np.empty(groups + 1, np.int64),
-        np.empty(groups + 1, np.int64), delta, alpha, gamma, own, np.empty(groups * widest, np.int64),
-        np.empty((widest, widest)), alpha0, beta, later, np.full(edges, -1, np.int64),
-    )  # fmt: skip
+    came, cost = np.empty(groups * widest, np.int64), np.empty((widest, widest))
+    steps, (beta, later) = np.empty(groups * widest * widest, np.float32), np.empty((2, widest))
+    slot = np.full(edges, -1, np.int64)
+    return Scratch(steps, delta, alpha, gamma, own, came, cost, beta, later, slot)
 
 
 @fast_outer
@@ -75,11 +71,12 @@ def decode(
     ptr = near.ptr
     chain, moved, still = groups.chain, groups.moved, groups.still
     chosen, posterior, off_posterior, linked = out
-    _, at, states, delta, alpha, gamma, own, came, cost, alpha0, _, _, slot = room
+    _, delta, alpha, gamma, own, came, cost, _, _, slot = room
+    wide = len(cost)
     off = costs.off
     count = len(ptr) - 1
     start = 0
-    fixed = -1  # state of the group before the block, when the chain goes on
+    fixed = -1  # state of the group before the block, when the chain goes on; its alpha is kept
     while start < count:
         begin = start - 1 if fixed >= 0 else start
         end = begin + 1
@@ -87,16 +84,11 @@ def decode(
             end += 1
         whole = end == count or chain[end] != chain[begin]
         commit = end if whole else start + BLOCK
-        at[0] = states[0] = 0
-        for g in range(begin, end):
-            states[g - begin + 1] = states[g - begin] + ptr[g + 1] - ptr[g] + 1
-        for i in range(states[end - begin]):
-            own[i], came[i] = 1.0, CHAIN_END
         k = ptr[begin + 1] - ptr[begin]
         for i in range(k + 1):
+            own[i], came[i] = 1.0, CHAIN_END
             if fixed >= 0:
                 delta[i] = 0.0 if i == fixed else 1e18
-                alpha[i] = alpha0[i]
             else:
                 delta[i] = emission[ptr[begin] + i] if i < k else off
                 alpha[i] = np.exp(-delta[i])
@@ -104,23 +96,23 @@ def decode(
         for g in range(begin, end - 1):
             step_costs(store, roads, near, costs, g, moved[g], (still[g], still[g + 1]), slot, cost)
             _advance(g - begin, g, near, emission, off, roads.rank, room)
-        _backward(end - begin, room)
-        best = _best_last(states, end - begin, delta, roads.rank, near, end - 1)
+        _backward(end - begin, begin, ptr, room)
+        best = _best_last((end - begin - 1) * wide, delta, roads.rank, near, end - 1)
         for h in range(end - begin - 1, -1, -1):
             g = begin + h
             k = ptr[g + 1] - ptr[g]
-            link = came[states[h] + best]
+            link = came[h * wide + best]
             if start <= g < commit:
                 chosen[g] = ptr[g] + best if best < k else -1
                 for i in range(k):
-                    posterior[ptr[g] + i] = gamma[states[h] + i]
-                off_posterior[g] = gamma[states[h] + k]
+                    posterior[ptr[g] + i] = gamma[h * wide + i]
+                off_posterior[g] = gamma[h * wide + k]
                 before_off = h > 0 and link % BY_JUMP == ptr[g] - ptr[g - 1]
                 linked[g] = h > 0 and best < k and link < BY_JUMP and not before_off
             if g == commit - 1:
                 fixed = best
                 for i in range(k + 1):
-                    alpha0[i] = alpha[states[h] + i]
+                    alpha[i] = alpha[h * wide + i]
             best = link % BY_JUMP
         if whole:
             fixed = -1
@@ -142,16 +134,16 @@ def _advance(
 ) -> None:
     """One step forward of Viterbi (``delta``, ``came``) and of the forward recursion (``alpha``)."""
     ptr, edge, _ = near
-    steps, at, states, delta, alpha, _, own, came, cost, _, _, _, _ = room
+    steps, delta, alpha, _, own, came, cost, _, _, _ = room
     k, m = ptr[g + 1] - ptr[g] + 1, ptr[g + 2] - ptr[g + 1] + 1
-    a, b = states[h], states[h + 1]
-    at[h + 1] = at[h] + k * m
+    wide = len(cost)
+    at, a, b = h * wide * wide, h * wide, (h + 1) * wide
     for j in range(m):
         best, where, total = 1e300, 0, 0.0
         for i in range(k):
             c = cost[i, j]
             p = RARE if c == JUMP else LEFT if c == LEAVE else math.exp(-c)
-            steps[at[h] + i * m + j] = p
+            steps[at + i * m + j] = p
             total += alpha[a + i] * p
             through = delta[a + i] + c
             if through < best + 1e-9 and (
@@ -168,34 +160,35 @@ def _advance(
 
 
 @fast_inner
-def _backward(count: int, room: Scratch) -> None:
+def _backward(count: int, begin: int, ptr: Wide, room: Scratch) -> None:
     """Posteriors of all states of a block into ``gamma``."""
-    steps, at, states, _, alpha, gamma, own, _, _, _, beta, later, _ = room
+    steps, _, alpha, gamma, own, _, cost, beta, later, _ = room
+    wide, m = len(cost), 0
     for i in range(len(beta)):
         beta[i] = 1.0
     for h in range(count - 1, -1, -1):
-        a, k = states[h], states[h + 1] - states[h]
+        a, k = h * wide, ptr[begin + h + 1] - ptr[begin + h] + 1
         if h < count - 1:
-            m = states[h + 2] - states[h + 1]
             top = 0.0
             for j in range(m):
-                later[j] = beta[j] * own[states[h + 1] + j]
+                later[j] = beta[j] * own[(h + 1) * wide + j]
                 top = max(top, later[j])
             scale = 1.0 / top if top > 0.0 else 1.0
             for i in range(k):
                 total = 0.0
                 for j in range(m):
-                    total += steps[at[h] + i * m + j] * later[j]
+                    total += steps[h * wide * wide + i * m + j] * later[j]
                 beta[i] = total * scale
         for i in range(k):
             gamma[a + i] = alpha[a + i] * beta[i]
         _normalise(gamma, a, a + k)
+        m = k
 
 
 @fast_inner
-def _best_last(states: Wide, count: int, delta: Floats, rank: Wide, near: Candidates, g: int) -> Any:
+def _best_last(a: int, delta: Floats, rank: Wide, near: Candidates, g: int) -> Any:
     ptr, edge, _ = near
-    a, k = states[count - 1], ptr[g + 1] - ptr[g]
+    k = ptr[g + 1] - ptr[g]
     best, order = 0, 1 << 31
     for i in range(k + 1):
         turn = rank[edge[ptr[g] + i]] if i < k else 1 << 30

@@ -82,6 +82,7 @@ class Track(NamedTuple):
     speed: Floats  # of the log [m/s], NaN unknown
     heading: Floats  # of the log [rad], NaN unknown
     chain: Wide  # counts up at gaps
+    interval: float  # usual time between rows [s]
 
 
 class Groups(NamedTuple):
