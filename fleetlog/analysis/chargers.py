@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.occupancy import maps
-from fleetlog.analysis.placement.check import Trial, try_plan
+from fleetlog.analysis.placement.check import try_plan
 from fleetlog.analysis.placement.costs import Metric, driving_costs
 from fleetlog.analysis.placement.demand import Unit, day_of
 from fleetlog.analysis.placement.plan import Demand, Method, Question, Variant, choose, stability, weigh
@@ -23,6 +23,7 @@ from fleetlog.core.result import Bars, Grid, Marks, Result, Shape
 from fleetlog.core.trajectory import Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import ArgumentError, DataError, nearest
+from fleetlog.simulate.engine import Settings
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 
@@ -102,8 +103,8 @@ def chargers(
     sites = site_table(units, q, weighed, choice)
     sites["existing"] = _standing(dataset, sites, demand)
     if check and truck is not None:
-        trial = Trial(truck, vehicles or len(dataset.vehicles), seconds(duration), seed, soc)
-        summary["check"] = try_plan(dataset, sites, trial)
+        fleet = Settings(vehicles or len(dataset.vehicles), seconds(duration), seed=seed, soc=soc)
+        summary["check"] = try_plan(dataset, sites, truck, fleet)
     return Result(
         "chargers", summary, tables={"vertices": vertex_table(network, weighed)}, places={"sites": sites},
         shapes=_shapes(dataset, sites, summary), lines=lines_of(summary, sites),

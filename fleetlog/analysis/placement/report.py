@@ -62,12 +62,9 @@ def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dic
 
 def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd.DataFrame:
     """One row a site: where, what it serves, how many trucks want a plug there at once."""
-    sites = choice.sites
+    sites, served = choice.sites, choice.served
+    hours = q.nearest(sites, total(units, "urgent")) / 3600
     to = q.cost[:, sites].argmin(axis=1)
-    served = choice.served
-    if served is None:
-        served = np.bincount(to, weights=w.weight, minlength=len(sites)) / w.weight.sum()
-    hours = np.bincount(to, weights=total(units, "urgent"), minlength=len(sites)) / 3600
     # The most trucks that stood in need of charge at once nearest to each site; one at least.
     spells = [s for u in units for s in u.spells if s[0] >= 0]
     plugs = np.array([max(1, peak(s for s in spells if to[s[0]] == k)) for k in range(len(sites))])
