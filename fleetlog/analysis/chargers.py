@@ -32,28 +32,16 @@ NEAR = 8.0  # A charger that stands this close to a chosen vertex is the one tha
 
 
 def chargers(
-    dataset: Dataset,
-    *,
-    k: Annotated[int, Between(1, 10_000, whole=True)] = 5,
-    method: Method = "pmedian",
-    variant: Variant = "flow",
-    demand: Demand = "urgency",
-    metric: Metric = "distance",
-    shortest: Annotated[float, Between(0.0, 1e6)] = 60.0,
-    spacing: Annotated[float, Between(0.0, 1e6)] = 30.0,
+    dataset: Dataset, *, k: Annotated[int, Between(1, 10_000, whole=True)] = 5, method: Method = "pmedian",
+    variant: Variant = "flow", demand: Demand = "urgency", metric: Metric = "distance",
+    shortest: Annotated[float, Between(0.0, 1e6)] = 60.0, spacing: Annotated[float, Between(0.0, 1e6)] = 30.0,
     radius: Annotated[float, Between(0.0, 1e6)] = 30.0,
-    alpha: Annotated[float, Between(0.0, 1.0, below=True)] = 0.85,
-    force: tuple[str, ...] = (),
-    forbid: tuple[str, ...] = (),
-    keep_existing: bool = False,
-    capacity: Annotated[float, Between(0.0, 1.0, above=True)] | None = None,
-    truck: Truck | None = None,
-    check: bool = False,
-    vehicles: Count | None = None,
-    duration: Duration = "8h",
-    seed: Seed = 0,
+    alpha: Annotated[float, Between(0.0, 1.0, below=True)] = 0.85, force: tuple[str, ...] = (),
+    forbid: tuple[str, ...] = (), keep_existing: bool = False,
+    capacity: Annotated[float, Between(0.0, 1.0, above=True)] | None = None, truck: Truck | None = None,
+    check: bool = False, vehicles: Count | None = None, duration: Duration = "8h", seed: Seed = 0,
     soc: Annotated[float, Between(0.05, 1.0)] = 0.6,
-) -> Result:
+) -> Result:  # fmt: skip
     """Choose sites for chargers and the number of plugs, and say how good the choice is.
 
     Parameters

@@ -11,7 +11,7 @@ import pandas as pd
 
 from fleetlog.analysis.clusters import areas as of
 from fleetlog.analysis.clusters.areas import BIN, PLACES, Watched
-from fleetlog.analysis.clusters.crowds import Crowds, Rule, as_figures, find_crowds, together
+from fleetlog.analysis.clusters.steps import Crowds, Rule, as_figures, find_crowds, together
 from fleetlog.analysis.clusters.tracking import episodes
 from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
@@ -31,14 +31,10 @@ BIN_SPEED, SPEEDS = 0.005, 1 << 16  # Speeds are counted in steps of this [m/s];
 
 
 def density(
-    dataset: Dataset,
-    *,
-    threshold: Annotated[float, Between(0.01, 1e6)] = 15.0,
-    speed: Annotated[float, Between(0.01, 100.0)] = 1.4,
-    step: Annotated[float, Between(0.01, 3600.0)] = 1.0,
-    min_duration: Annotated[float, Between(0.0, 1e6)] = 5.0,
-    include_standing: bool = False,
-) -> Result:
+    dataset: Dataset, *, threshold: Annotated[float, Between(0.01, 1e6)] = 15.0,
+    speed: Annotated[float, Between(0.01, 100.0)] = 1.4, step: Annotated[float, Between(0.01, 3600.0)] = 1.0,
+    min_duration: Annotated[float, Between(0.0, 1e6)] = 5.0, include_standing: bool = False,
+) -> Result:  # fmt: skip
     """Find congestion: clusters of trucks along the roads, episodes, critical areas.
 
     Parameters

@@ -167,7 +167,8 @@ class _Problem:
         start = np.clip(np.zeros(len(low)), low + 1e-2, high - 1e-2)
         found = least_squares(residual, start, jac=slope, bounds=(low, high), xtol=1e-10).x
         # A solution a hair from its bound is the bound.
-        return np.where(found - low < 1e-6, low, np.where(high - found < 1e-6, high, found)) @ axes
+        found = np.where(found - low < 1e-6, low, np.where(high - found < 1e-6, high, found))
+        return np.asarray(found @ axes)
 
     def jacobian(self, z: Floats) -> Floats:
         """(M, K) derivative of prediction / sigma by z, central where the bounds allow."""

@@ -90,9 +90,8 @@ KINDS: dict[str, tuple[tuple[str, ...], Callable[[Run, Truck], list[Piece]]]] = 
 }
 """What a row of each kind must have, and how one repeat is driven."""
 POSITIVE = ("sigma", "repeats", "length", "height", "speed", "acceleration", "deceleration", "duration")
-LIMITS = {
-    **dict.fromkeys(("payload", "end_speed"), Between(0.0)), **dict.fromkeys(POSITIVE, Between(0.0, above=True))
-}  # fmt: skip
+NOT_NEGATIVE = ("payload", "end_speed")
+LIMITS = dict.fromkeys(POSITIVE, Between(0.0, above=True)) | dict.fromkeys(NOT_NEGATIVE, Between(0.0))
 
 
 def coast_time(r: Run, physics: Physics) -> float:

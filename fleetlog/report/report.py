@@ -17,10 +17,10 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
 from fleetlog.errors import ArgumentError, DataError
 from fleetlog.registry import added, part
-from fleetlog.report.comparison import Row, changes, frame, page_table, rows_of
 from fleetlog.report.content import Part, render
 from fleetlog.report.diagnosis import in_short
 from fleetlog.report.facts import Facts, gather
+from fleetlog.report.figures import Row, changes, frame, page_table, rows_of
 from fleetlog.report.sections import SECTIONS, answers, local_span, shapes
 from fleetlog.store import Dataset
 from fleetlog.version import __version__

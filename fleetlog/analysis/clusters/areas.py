@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.analysis.clusters.crowds import Crowds
-from fleetlog.analysis.clusters.steps import DAY
+from fleetlog.analysis.clusters.steps import DAY, Crowds
 from fleetlog.core.network import Network
 from fleetlog.core.result import Series
 from fleetlog.core.trajectory import Floats, Ints

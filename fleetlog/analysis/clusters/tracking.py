@@ -8,7 +8,7 @@ share more than half with a third, so taking pairs in order of their share is th
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.clusters.crowds import Crowds
+from fleetlog.analysis.clusters.steps import Crowds
 from fleetlog.core.trajectory import Floats, Ints
 
 LEAVE = 1.2  # A critical cluster stays critical until its mean speed exceeds this multiple of the limit

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fleetlog.analysis.placement.costs import Metric
+from fleetlog.analysis.placement.costs import Metric, vertex_distances
 from fleetlog.analysis.placement.demand import Unit
-from fleetlog.analysis.placement.ranks import flow_counts, rank, vertex_distances, visit_share, vote_scores
+from fleetlog.analysis.placement.ranks import flow_counts, rank, visit_share, vote_scores
 from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Floats, Ints
