@@ -42,6 +42,7 @@ from fleetlog.simulate.places import find_stands
 from fleetlog.store import Dataset
 from fleetlog.store.events import read_table
 from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE
+from fleetlog.view.scales import Scale
 
 SHORTEST_TRIP = 5.0  # A shorter trip is shunting [m]
 MOST_CELLS = 400  # Of the heat map, along its longer side
@@ -65,6 +66,7 @@ class Facts:
     ledger: Ledger = field(default_factory=pd.DataFrame)
     energy_from: dict[str, str] = field(default_factory=dict)  # By truck: where its energy comes from
     left_out: list[str] | None = None  # What the diagnosis says of it, where there was one
+    scales: dict[str, Scale] = field(default_factory=dict)  # Of maps that both datasets have
 
     @property
     def site(self) -> Site:

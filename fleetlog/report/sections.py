@@ -13,7 +13,6 @@ from fleetlog.report.condition import charge, data_quality
 from fleetlog.report.content import Part, number, picture, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
-from fleetlog.view.scales import Scale
 
 S = TypeVar("S", Bars, Grid, EdgeValues)
 # Heading, column and format of every table.
@@ -138,7 +137,7 @@ def _model_lines(f: Facts, result: Result) -> list[str]:
     return out
 
 
-def places(f: Facts, scale: Scale | None = None) -> Part:
+def places(f: Facts) -> Part:
     """Where the trucks are: busiest places, passages over the floor."""
     part = Part()
     if (result := f.results.get("stops")) is not None:
@@ -150,11 +149,11 @@ def places(f: Facts, scale: Scale | None = None) -> Part:
         else:
             part.lines.append("No place was visited three times or more.")
     for grid in shapes(f, "heatmap", Grid)[:1]:
-        part.blocks.append(picture(f, grid, "How often trucks pass", scale=scale))
+        part.blocks.append(picture(f, grid, "How often trucks pass"))
     return part
 
 
-def congestion(f: Facts, scale: Scale | None = None) -> Part:
+def congestion(f: Facts) -> Part:
     """Delay by others, and where."""
     if "density" not in f.results:
         return Part([f"Congestion is not known: {f.missing.get('density', '')}."])
@@ -169,7 +168,7 @@ def congestion(f: Facts, scale: Scale | None = None) -> Part:
         caption = "Delay in congestion, with the areas that it adds up to"
         for layer in shapes(f, "density", EdgeValues):
             only = Result("density", {}, shapes=[layer, *marks])
-            part.blocks.append(picture(f, layer, caption, only, scale))
+            part.blocks.append(picture(f, layer, caption, only))
     return part
 
 
