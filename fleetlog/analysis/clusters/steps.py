@@ -60,23 +60,44 @@ def standing_by(trajectory: Trajectory) -> NDArray[np.bool_]:
 
 def on_grid(dataset: Dataset, date: str, grid: Ints) -> Fleet:
     """The fleet at the times ``grid`` (T,) int64 us of one day, interpolated along the routes."""
-    from fleetlog.analysis.clusters.kernels import resample_along
-
-    network = dataset.site.roads()
     vehicles = tuple(v for v in dataset.vehicles if dataset.parts(v, date))
     shape = (len(grid), len(vehicles))
     edge, offset = np.full(shape, -1, np.int32), np.zeros(shape)
     speed, idle = np.zeros(shape), np.zeros(shape, np.bool_)
     for v, vehicle in enumerate(vehicles):
         t, arrived = _about(dataset, vehicle, date, int(grid[0]), int(grid[-1]))
-        a, b = np.searchsorted(grid, t.time[0]), np.searchsorted(grid, t.time[-1], side="right")
-        resample_along(
-            t.time, t.labels("edge_id").recode(network.index), np.nan_to_num(t.floats("edge_offset")),
-            np.nan_to_num(t.floats("speed")), arrived, grid[a:b], MAX_GAP,
-            network.length, network.next_first, network.next_edges,
-            edge[a:b, v], offset[a:b, v], speed[a:b, v], idle[a:b, v],
-        )  # fmt: skip
+        there = slice(*np.searchsorted(grid, [t.time[0], t.time[-1] + 1]))
+        found = along_route(t, arrived, grid[there], dataset.site.roads())
+        edge[there, v], offset[there, v], speed[there, v], idle[there, v] = found
     return Fleet(vehicles, grid, edge, offset, speed, idle)
+
+
+def along_route(
+    t: Trajectory, arrived: NDArray[np.bool_], grid: Ints, network: Network
+) -> tuple[Index, Floats, Floats, NDArray[np.bool_]]:
+    """(G,) edge, offset, speed and ``arrived`` at the times ``grid`` (G,) within a truck's rows.
+
+    Linear along the route from row to row; the edge is -1 in a gap longer than ``MAX_GAP``.
+    """
+    edge, length = t.labels("edge_id").recode(network.index), network.length
+    offset, speed = (np.nan_to_num(t.floats(c)) for c in ("edge_offset", "speed"))
+    i = np.searchsorted(t.time, grid, side="right") - 1
+    j = np.minimum(i + 1, len(t) - 1)
+    step, late = t.time[j] - t.time[i], grid - t.time[i]
+    j = np.where(step > MAX_GAP, i, j)
+    share = np.where(j > i, late / np.maximum(step, 1), 0.0)
+    a, b, k = edge[i], edge[j], np.where(share < 0.5, i, j)
+    arcs = np.repeat(np.arange(len(network)), np.diff(network.next_first)) * len(network) + network.next_edges
+    onward = (a >= 0) & (b >= 0) & (a != b) & np.isin(a.astype(np.int64) * len(network) + b, arcs)
+    same = (a == b) & (a >= 0)
+    way = np.where(onward, length[a] - offset[i] + offset[j], offset[j] - offset[i])
+    at = np.where(onward | same, offset[i] + share * way, offset[k])
+    over = onward & (at > length[a])
+    on = np.where(over, b, np.where(onward | same, a, edge[k]))
+    on = np.where((j == i) & (late > 0), np.int32(-1), on)
+    at = np.where(over, at - length[a], at)
+    masked = np.where(onward | same, arrived[i], arrived[k])
+    return on, at, speed[i] + share * (speed[j] - speed[i]), masked
 
 
 def _about(
