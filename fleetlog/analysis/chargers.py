@@ -27,7 +27,6 @@ from fleetlog.simulate.engine import Settings
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 
-SERVED = "demand served [%]"
 NEAR = 8.0  # A charger that stands this close to a chosen vertex is the one that the plan means [m]
 
 
@@ -119,11 +118,9 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
 
 def _standing(dataset: Dataset, sites: pd.DataFrame, demand: Demand) -> list[str]:
     """The site's chargers that stand where one is chosen: these are kept, not built a second time."""
-    chargers = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
-    return [
-        ", ".join(p.id for p in chargers if np.hypot(p.x - x, p.y - y) <= NEAR)
-        for x, y in sites[["x", "y"]].to_numpy()
-    ]
+    present = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
+    spots = zip(sites["x"], sites["y"], strict=True)
+    return [", ".join(p.id for p in present if np.hypot(p.x - x, p.y - y) <= NEAR) for x, y in spots]
 
 
 def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> list[Shape]:
@@ -137,23 +134,25 @@ def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> l
     for name, (of, kind) in kinds.items():
         at, labels = of[["x", "y"]].to_numpy(), tuple(of["label"])
         shapes.append(Marks(name, at, labels, np.full(len(of), 2.0), kind))
-    bars = {"demand_by_site": (dict(zip(sites["label"], 100.0 * sites["served_share"], strict=True)), SERVED)}
-    if "check" in summary:
-        bars |= _check_bars({"present": summary["check"]["before"], "planned": summary["check"]["after"]})
-    return shapes + [Bars(n, tuple(b), np.array([*b.values()]), axis) for n, (b, axis) in bars.items()]
+    shares = 100.0 * sites["served_share"].to_numpy()
+    shapes.append(Bars("demand_by_site", tuple(sites["label"]), shares, "demand served [%]"))
+    return shapes + (_check_bars(summary["check"]) if "check" in summary else [])
 
 
-def _check_bars(runs: dict[str, dict[str, Any]]) -> dict[str, tuple[dict[str, float], str]]:
-    """By the name of a picture: its bars and their axis."""
+def _check_bars(check: dict[str, Any]) -> list[Shape]:
+    runs = {"present": check["before"], "planned": check["after"]}
     soc = {"lowest": "soc_lowest", "mean": "soc_mean", "at the end": "soc_end_mean"}
     charge = {f"{what}, {n}": 100.0 * run[key] for what, key in soc.items() for n, run in runs.items()}
     waiting = {n: run["waiting_for_plug_h"] for n, run in runs.items()}
     done = {n: 100.0 * run["tasks_done"] / max(run["tasks_given"], 1) for n, run in runs.items()}
-    return {
-        "simulated_state_of_charge": (charge, "state of charge [%]"),
-        "simulated_waiting_for_a_plug": (waiting, "truck hours"),
-        "simulated_tasks_done": (done, "share of the tasks [%]"),
-    }
+    return [
+        Bars(f"simulated_{name}", tuple(values), np.array([*values.values()]), axis)
+        for name, values, axis in (
+            ("state_of_charge", charge, "state of charge [%]"),
+            ("waiting_for_a_plug", waiting, "truck hours"),
+            ("tasks_done", done, "share of the tasks [%]"),
+        )
+    ]
 
 
 ANALYSIS = chargers

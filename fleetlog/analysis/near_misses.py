@@ -83,7 +83,8 @@ def _marks(table: pd.DataFrame) -> Marks:
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     if s["vehicles"] < 2:
         return ["Near misses are between trucks: one alone has none."]
-    rule = f"time to collision (TTC) under {s['ttc_s']:g} s, or post-encroachment time (PET) under {s['pet_s']:g} s"
+    limits = f"{s['ttc_s']:g} s, or crossing within {s['pet_s']:g} s of one another (PET)"
+    rule = f"time to collision (TTC) under {limits}"
     if not len(table):
         return [f"No near miss between two trucks ({rule})."]
     pairs = table.groupby(["vehicle_a", "vehicle_b"]).size().sort_values(ascending=False, kind="stable")
