@@ -52,7 +52,7 @@ def shapes(facts: Facts, name: str, kind: type[S]) -> list[S]:
 
 def utilisation_part(f: Facts) -> Part:
     """What the trucks do, by truck and by hour of the day."""
-    hours = f.ledger[[f"{s}_h" for s in STATES]].rename(columns=lambda c: c.removesuffix("_h"))
+    hours = f.ledger[[f"{s}_h" for s in STATES]].set_axis(STATES, axis=1)
     by_truck = hours.groupby(level="vehicle_id").sum()
     of_day = f.local(hours.index.get_level_values("start").to_series()).dt.strftime("%H:00").to_numpy()
     by_hour = hours.groupby(of_day).sum()
@@ -177,10 +177,10 @@ def safety(f: Facts) -> Part:
     part = Part()
     near, over = (f.results[name].places[name] for name in ("near_misses", "speeding"))
     near = near.assign(worst=near[["ttc_s", "pet_s"]].min(axis=1)).sort_values("worst")
-    closest, longest = "Near misses, the closest first", "Longest drives above the limit"
+    words = " (TTC: time to collision, PET: post-encroachment time)"
     for name, found, caption, key, heads in (
-        ("near_misses", near, closest, " (TTC: time to collision, PET: post-encroachment time)", NEAR),
-        ("speeding", over, longest, "", OVER),
+        ("near_misses", near, "Near misses, the closest first", words, NEAR),
+        ("speeding", over, "Longest drives above the limit", "", OVER),
     ):
         part.lines += f.results[name].lines
         if len(found):

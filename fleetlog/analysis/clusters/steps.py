@@ -108,20 +108,16 @@ def _about(
     A truck that stands in a jam at midnight has not arrived: the next day tells; and the steps at midnight
     lie between rows of two days.
     """
-    t = dataset.read(vehicle, date, COLUMNS)
-    if start < t.time[0] and len(before := _beside(dataset, vehicle, date, -1)):
-        t = concatenate([before[-1:], t])
+    before, today, after = (str(np.datetime64(date, "D") + k) for k in (-1, 0, 1))
+    t = dataset.read(vehicle, today, COLUMNS)
+    if start < t.time[0] and len(last := dataset.read(vehicle, before, COLUMNS)[-1:]):
+        t = concatenate([last, t])
     last_trip = t.time[np.searchsorted(t.trip_ids(), t.trip_ids()[-1])]
-    if stop >= min(last_trip, t.time[-1]) and len(after := _beside(dataset, vehicle, date, 1)):
-        t = concatenate([t, after])
+    if stop >= min(last_trip, t.time[-1]) and len(more := dataset.read(vehicle, after, COLUMNS)):
+        t = concatenate([t, more])
     a = max(int(np.searchsorted(t.time, start, side="right")) - 1, 0)
     b = int(np.searchsorted(t.time, stop)) + 1
     return t[a:b], standing_by(t)[a:b]
-
-
-def _beside(dataset: Dataset, vehicle: str, date: str, days: int) -> Trajectory:
-    """The rows of a vehicle on a day before or after."""
-    return dataset.read(vehicle, str(np.datetime64(date, "D") + days), COLUMNS)
 
 
 def distance_lists(network: Network, threshold: float) -> tuple[Ints, Index, Floats, Index]:
