@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.occupancy import maps
-from fleetlog.analysis.placement.check import Trial, try_plan
+from fleetlog.analysis.placement.check import try_plan
 from fleetlog.analysis.placement.costs import Metric, driving_costs
 from fleetlog.analysis.placement.demand import Unit, day_of
 from fleetlog.analysis.placement.plan import Demand, Method, Question, Variant, choose, stability, weigh
@@ -23,36 +23,24 @@ from fleetlog.core.result import Bars, Grid, Marks, Result, Shape
 from fleetlog.core.trajectory import Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import ArgumentError, DataError, nearest
+from fleetlog.simulate.engine import Settings
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 
-SERVED = "demand served [%]"
 NEAR = 8.0  # A charger that stands this close to a chosen vertex is the one that the plan means [m]
 
 
 def chargers(
-    dataset: Dataset,
-    *,
-    k: Annotated[int, Between(1, 10_000, whole=True)] = 5,
-    method: Method = "pmedian",
-    variant: Variant = "flow",
-    demand: Demand = "urgency",
-    metric: Metric = "distance",
-    shortest: Annotated[float, Between(0.0, 1e6)] = 60.0,
-    spacing: Annotated[float, Between(0.0, 1e6)] = 30.0,
+    dataset: Dataset, *, k: Annotated[int, Between(1, 10_000, whole=True)] = 5, method: Method = "pmedian",
+    variant: Variant = "flow", demand: Demand = "urgency", metric: Metric = "distance",
+    shortest: Annotated[float, Between(0.0, 1e6)] = 60.0, spacing: Annotated[float, Between(0.0, 1e6)] = 30.0,
     radius: Annotated[float, Between(0.0, 1e6)] = 30.0,
-    alpha: Annotated[float, Between(0.0, 1.0, below=True)] = 0.85,
-    force: tuple[str, ...] = (),
-    forbid: tuple[str, ...] = (),
-    keep_existing: bool = False,
-    capacity: Annotated[float, Between(0.0, 1.0, above=True)] | None = None,
-    truck: Truck | None = None,
-    check: bool = False,
-    vehicles: Count | None = None,
-    duration: Duration = "8h",
-    seed: Seed = 0,
+    alpha: Annotated[float, Between(0.0, 1.0, below=True)] = 0.85, force: tuple[str, ...] = (),
+    forbid: tuple[str, ...] = (), keep_existing: bool = False,
+    capacity: Annotated[float, Between(0.0, 1.0, above=True)] | None = None, truck: Truck | None = None,
+    check: bool = False, vehicles: Count | None = None, duration: Duration = "8h", seed: Seed = 0,
     soc: Annotated[float, Between(0.05, 1.0)] = 0.6,
-) -> Result:
+) -> Result:  # fmt: skip
     """Choose sites for chargers and the number of plugs, and say how good the choice is.
 
     Parameters
@@ -102,8 +90,8 @@ def chargers(
     sites = site_table(units, q, weighed, choice)
     sites["existing"] = _standing(dataset, sites, demand)
     if check and truck is not None:
-        trial = Trial(truck, vehicles or len(dataset.vehicles), seconds(duration), seed, soc)
-        summary["check"] = try_plan(dataset, sites, trial)
+        fleet = Settings(vehicles or len(dataset.vehicles), seconds(duration), seed=seed, soc=soc)
+        summary["check"] = try_plan(dataset, sites, truck, fleet)
     return Result(
         "chargers", summary, tables={"vertices": vertex_table(network, weighed)}, places={"sites": sites},
         shapes=_shapes(dataset, sites, summary), lines=lines_of(summary, sites),
@@ -130,11 +118,9 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
 
 def _standing(dataset: Dataset, sites: pd.DataFrame, demand: Demand) -> list[str]:
     """The site's chargers that stand where one is chosen: these are kept, not built a second time."""
-    chargers = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
-    return [
-        ", ".join(p.id for p in chargers if np.hypot(p.x - x, p.y - y) <= NEAR)
-        for x, y in sites[["x", "y"]].to_numpy()
-    ]
+    present = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
+    spots = zip(sites["x"], sites["y"], strict=True)
+    return [", ".join(p.id for p in present if np.hypot(p.x - x, p.y - y) <= NEAR) for x, y in spots]
 
 
 def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> list[Shape]:
@@ -148,23 +134,25 @@ def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> l
     for name, (of, kind) in kinds.items():
         at, labels = of[["x", "y"]].to_numpy(), tuple(of["label"])
         shapes.append(Marks(name, at, labels, np.full(len(of), 2.0), kind))
-    bars = {"demand_by_site": (dict(zip(sites["label"], 100.0 * sites["served_share"], strict=True)), SERVED)}
-    if "check" in summary:
-        bars |= _check_bars({"present": summary["check"]["before"], "planned": summary["check"]["after"]})
-    return shapes + [Bars(n, tuple(b), np.array([*b.values()]), axis) for n, (b, axis) in bars.items()]
+    shares = 100.0 * sites["served_share"].to_numpy()
+    shapes.append(Bars("demand_by_site", tuple(sites["label"]), shares, "demand served [%]"))
+    return shapes + (_check_bars(summary["check"]) if "check" in summary else [])
 
 
-def _check_bars(runs: dict[str, dict[str, Any]]) -> dict[str, tuple[dict[str, float], str]]:
-    """By the name of a picture: its bars and their axis."""
+def _check_bars(check: dict[str, Any]) -> list[Shape]:
+    runs = {"present": check["before"], "planned": check["after"]}
     soc = {"lowest": "soc_lowest", "mean": "soc_mean", "at the end": "soc_end_mean"}
     charge = {f"{what}, {n}": 100.0 * run[key] for what, key in soc.items() for n, run in runs.items()}
     waiting = {n: run["waiting_for_plug_h"] for n, run in runs.items()}
     done = {n: 100.0 * run["tasks_done"] / max(run["tasks_given"], 1) for n, run in runs.items()}
-    return {
-        "simulated_state_of_charge": (charge, "state of charge [%]"),
-        "simulated_waiting_for_a_plug": (waiting, "truck hours"),
-        "simulated_tasks_done": (done, "share of the tasks [%]"),
-    }
+    return [
+        Bars(f"simulated_{name}", tuple(values), np.array([*values.values()]), axis)
+        for name, values, axis in (
+            ("state_of_charge", charge, "state of charge [%]"),
+            ("waiting_for_a_plug", waiting, "truck hours"),
+            ("tasks_done", done, "share of the tasks [%]"),
+        )
+    ]
 
 
 ANALYSIS = chargers

@@ -4,7 +4,6 @@ The rule of the clusters is stated in :mod:`fleetlog.analysis.clusters.steps`.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,8 +11,8 @@ import pandas as pd
 
 from fleetlog.analysis.clusters import areas as of
 from fleetlog.analysis.clusters.areas import BIN, PLACES, Watched
-from fleetlog.analysis.clusters.crowds import Crowds, Rule, as_figures, find_crowds, together
-from fleetlog.analysis.clusters.tracking import Episode, episodes
+from fleetlog.analysis.clusters.steps import Crowds, Rule, as_figures, find_crowds, together
+from fleetlog.analysis.clusters.tracking import episodes
 from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
@@ -32,14 +31,10 @@ BIN_SPEED, SPEEDS = 0.005, 1 << 16  # Speeds are counted in steps of this [m/s];
 
 
 def density(
-    dataset: Dataset,
-    *,
-    threshold: Annotated[float, Between(0.01, 1e6)] = 15.0,
-    speed: Annotated[float, Between(0.01, 100.0)] = 1.4,
-    step: Annotated[float, Between(0.01, 3600.0)] = 1.0,
-    min_duration: Annotated[float, Between(0.0, 1e6)] = 5.0,
-    include_standing: bool = False,
-) -> Result:
+    dataset: Dataset, *, threshold: Annotated[float, Between(0.01, 1e6)] = 15.0,
+    speed: Annotated[float, Between(0.01, 100.0)] = 1.4, step: Annotated[float, Between(0.01, 3600.0)] = 1.0,
+    min_duration: Annotated[float, Between(0.0, 1e6)] = 5.0, include_standing: bool = False,
+) -> Result:  # fmt: skip
     """Find congestion: clusters of trucks along the roads, episodes, critical areas.
 
     Parameters
@@ -65,25 +60,26 @@ def density(
         what = "no row of the dataset is matched to a road"
         raise DataError(what, do="check that log and map belong together")
     least = max(1, round(min_duration / watched.seconds))
-    found = episodes(clusters, speed, rule.step, least)
-    rows = of.samples(clusters, found, network, free_speeds(dataset, network), watched.seconds)
+    episode, found = episodes(clusters, speed, rule.step, least)
+    rows = of.samples(clusters, episode, network, free_speeds(dataset, network), watched.seconds)
     areas = of.critical_areas(network, rows, watched)
     table = _episode_table(clusters, watched, network, found, rows)
     table["area"] = of.area_of(table, areas)
-    over_time = of.timeline(clusters, watched, found, table["area"].to_numpy(), dataset.dates)
+    over_time = of.timeline(clusters, watched, np.append(table["area"], -1)[episode], dataset.dates)
     summary = {
         "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(watched.vehicles),
         "hours": watched.hours, "min_duration_s": min_duration,
-        "clusters": {way: as_figures(c, watched.seconds) for way, c in clusters.counts.items()},
+        "clusters": {
+            way: as_figures(counts, watched.seconds)
+            for way, counts in zip(("moving_only", "all"), clusters.counts, strict=True)
+        },
         "used": "all" if include_standing else "moving_only",
         "episodes": len(found), "delay_s": float(rows.delay.sum()),
         "areas": areas.head(20).to_dict("records"),
     }  # fmt: skip
-    steps = pd.DataFrame({
-        "timestamp": pd.to_datetime(clusters.time, unit="us", utc=True), "cluster": clusters.label,
-        "size": clusters.size, "mean_speed": clusters.mean_speed, "slow_share": clusters.slow_share,
-        "critical": clusters.mean_speed < speed,
-    })  # fmt: skip
+    steps = pd.DataFrame(clusters.clusters).rename(columns={"time": "timestamp", "label": "cluster"})
+    steps["timestamp"] = pd.to_datetime(steps["timestamp"], unit="us", utc=True)
+    steps["critical"] = steps["mean_speed"] < speed
     tables = {"episodes": table, "tasks": _task_table(dataset, watched, rows), "clusters": steps}
     places = {"areas": areas} if len(areas) else {}
     shapes = _shapes(network, watched, clusters, areas, rows, over_time)
@@ -114,11 +110,10 @@ def free_speeds(dataset: Dataset, network: Network) -> Floats:
     The 85th percentile of the speeds driven on the edge, but never far below what the fleet usually makes of
     a limit: a road that is always jammed must not pass for a slow road.
     """
-    rows = pd.Series(dtype=float)
-    for day in each_day(dataset, _driven, kinds=(Driven,), cost=0.3e-6):
-        rows = rows.add(pd.Series(day.count, day.key, dtype=float), fill_value=0.0)
-    key = rows.index.to_numpy(np.int64)
-    driven = pd.DataFrame({"edge": key // SPEEDS, "speed": key % SPEEDS, "count": rows.to_numpy()})
+    days = each_day(dataset, _driven, kinds=(np.ndarray,), cost=0.3e-6)
+    rows = pd.DataFrame(np.concatenate([*days], axis=1).T, columns=["key", "count"])
+    driven = rows.groupby("key", as_index=False).sum()
+    driven["edge"], driven["speed"] = driven["key"] // SPEEDS, driven["key"] % SPEEDS
     p85, limit = np.full(len(network), np.nan), network.speed_limit
     known = _percentiles(driven, least=20)
     p85[known.index] = known
@@ -131,21 +126,13 @@ def free_speeds(dataset: Dataset, network: Network) -> Floats:
     return np.asarray(np.fmax(p85, 0.8 * expected), dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class Driven:
-    """How many rows have which speed on which edge; ``key`` is edge * SPEEDS + speed / ``BIN_SPEED``."""
-
-    key: Ints
-    count: Ints
-
-
-def _driven(dataset: Dataset, vehicle: str, date: str) -> Driven:
-    """The speeds of one vehicle-day, standstills left out."""
+def _driven(dataset: Dataset, vehicle: str, date: str) -> Ints:
+    """(2, n) speeds of one vehicle-day, standstills left out: edge * SPEEDS + speed / ``BIN_SPEED``; rows."""
     t = dataset.read(vehicle, date, ("edge_id", "speed"))
     e, v = t.labels("edge_id").recode(dataset.site.roads().index), t.floats("speed")
     use = (e >= 0) & (v > STANDING_SPEED)
     key = e[use].astype(np.int64) * SPEEDS + np.minimum(v[use] / BIN_SPEED, SPEEDS - 1).astype(np.int64)
-    return Driven(*np.unique(key, return_counts=True))
+    return np.stack(np.unique(key, return_counts=True))
 
 
 def _percentiles(driven: pd.DataFrame, least: int) -> pd.Series:
@@ -158,21 +145,21 @@ def _percentiles(driven: pd.DataFrame, least: int) -> pd.Series:
 
 
 def _episode_table(
-    c: Crowds, watched: Watched, network: Network, found: list[Episode], s: pd.DataFrame
+    c: Crowds, watched: Watched, network: Network, found: pd.DataFrame, s: pd.DataFrame
 ) -> pd.DataFrame:
-    rows = []
-    for number, (e, (_, own)) in enumerate(zip(found, s.groupby("episode"), strict=True), start=1):
+    rows, time = [], c.clusters["time"]
+    members = (own for _, own in s.groupby("episode"))
+    for number, (e, own) in enumerate(zip(found.to_dict("records"), members, strict=True), start=1):
         trucks, edge, delay = np.unique(own["truck"]), own["edge"].to_numpy(), own["delay"].to_numpy()
         x, y = network.position(edge, own["offset"].to_numpy())[:, :2].mean(axis=0)
         rows.append({
-            "episode": number, "start": c.time[e.clusters[0]],
-            "end": c.time[e.clusters[-1]] + watched.step, "duration": len(e.clusters) * watched.seconds,
-            "max_size": int(c.size[e.clusters].max()),
-            "min_mean_speed": float(c.mean_speed[e.clusters].min()), "vehicles": len(trucks),
+            "episode": number, "start": time[e["first"]], "end": time[e["last"]] + watched.step,
+            "duration": e["steps"] * watched.seconds, "max_size": e["max_size"],
+            "min_mean_speed": e["min_mean_speed"], "vehicles": len(trucks),
             "members": ", ".join(watched.vehicles[v] for v in trucks),
             "vehicle_seconds": len(own) * watched.seconds, "delay": float(delay.sum()),
             "edge_id": network.edge_ids[np.bincount(edge).argmax()], "x": x, "y": y,
-            "born": e.born, "died": e.died,
+            "born": e["born"], "died": e["died"],
         })  # fmt: skip
     table = pd.DataFrame(rows)
     ends = [c for c in ("start", "end") if c in table]
@@ -218,13 +205,12 @@ def _shapes(
 
 def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
     """The arcs as line segments, at the steps where they change from none or to none too."""
-    time = np.unique(c.arc_time)
+    time = np.unique(c.arcs["time"])
     after = time + watched.step
     shown = np.union1d(time, after[after < watched.stop])
-    begins, ends = np.searchsorted(c.arc_time, shown), np.searchsorted(c.arc_time, shown, "right")
-    ranges = [slice(a, b) for a, b in zip(begins.tolist(), ends.tolist(), strict=True)]
-    lines = tuple(c.arc_ends[r] for r in ranges)
-    return MovingLines("clusters", shown, lines, tuple(c.arc_critical[r] for r in ranges))
+    cuts = np.searchsorted(c.arcs["time"], shown[1:])
+    lines, critical = (tuple(np.split(c.arcs[name], cuts)[: len(shown)]) for name in ("ends", "critical"))
+    return MovingLines("clusters", shown, lines, critical)
 
 
 def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:

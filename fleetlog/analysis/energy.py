@@ -3,6 +3,7 @@
 import inspect
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any, Literal
 
 import numpy as np
@@ -53,9 +54,7 @@ def energy(
     books = [book for day in days for book in day]
     if not books:
         raise DataError("no vehicle has two rows on one day")
-    segments, stretches, zones, bins = (
-        gathered(books, what) for what in ("segments", "stretches", "zones", "bins")
-    )
+    segments, stretches, zones, bins = (gathered(books, f.name) for f in fields(Book))
     # The dearest term first.
     total = segments.filter(like="J_").sum().abs().sort_values(ascending=False, kind="stable")
     terms = [name.removeprefix("J_") for name in total.index]
@@ -63,22 +62,28 @@ def energy(
         segments[[*segments.columns.difference(total.index, sort=False), *total.index]], truck
     )
     segments["shift"] = of.shift_names(segments["hour"], sorted(shifts))
-    hours = segments.assign(hour=pd.to_datetime(segments["hour"], unit="us", utc=True))
-    tables = {
-        "trips": of.summed(segments, ["vehicle_id", "trip_id"], physics),
-        "vehicles": of.summed(segments, ["vehicle_id"], physics),
-        "shifts": of.summed(segments, ["shift"], physics), "hours": of.summed(hours, ["hour"], physics),
-        "edges": of.stretch_table(stretches, dataset.site.network),
-        "zones": of.zone_table(zones, terms, dataset.site),
+    segments["hour"], segments["all"] = pd.to_datetime(segments["hour"], unit="us", utc=True), "all"
+    keys = {
+        "trips": ["vehicle_id", "trip_id"], "vehicles": ["vehicle_id"], "shifts": ["shift"],
+        "hours": ["hour"], "all": ["all"],
     }  # fmt: skip
-    whole = of.summed(segments.assign(all="all"), ["all"], physics).iloc[0]
-    trips = segments.drop_duplicates(["vehicle_id", "trip_id"])["source"].value_counts().sort_index()
+    tables = {name: of.summed(segments, by, physics) for name, by in keys.items()}
+    whole = tables.pop("all").iloc[0]
+    edges = tables["edges"] = of.stretch_table(stretches, dataset.site.network)
+    tables["zones"] = of.zone_table(zones, terms, dataset.site)
+    trips = segments.drop_duplicates(keys["trips"])["source"].value_counts().sort_index()
     sources = {str(s): int(n) for s, n in trips.items()}
-    summary = _summary(whole, terms, sources, tables)
+    start, end, ledger = whole["start"].isoformat(), whole["end"].isoformat(), [f"{t}_kwh" for t in terms]
+    summary = {
+        "start": start, "end": end, **whole.drop(["all", "start", "end", *ledger]),
+        "ledger_kwh": dict(zip(terms, whole[ledger], strict=True)), "measured_from": sources,
+        "trips": len(tables["trips"]), "vehicles": len(tables["vehicles"]),
+        "units": {"auxiliary_share": "1", "soc_start": "1", "soc_end": "1", "soc_end_model": "1"},
+    }  # fmt: skip
     kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}
     places = {name: kept.pop(name) for name in ("energy_edges",) if name in kept}
-    shapes = _shapes(bins, terms, whole, tables["edges"])
-    return Result("energy", summary, kept, places, shapes, _lines(whole, terms, sources, tables))
+    shapes = _shapes(bins, summary["ledger_kwh"], edges)
+    return Result("energy", summary, kept, places, shapes, _lines(summary))
 
 
 def _vehicle_day(
@@ -103,69 +108,54 @@ def _sources(physics: Physics) -> list[str]:
     return [inspect.getsource(sys.modules[name]) for name in sorted(modules) if name in sys.modules]
 
 
-def _summary(
-    whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
-) -> dict[str, Any]:
-    ledger = {f"{t}_kwh": t for t in terms}
-    figures = {k: whole[k] for k in whole.index if k not in ("all", "start", "end", *ledger)}
-    return {
-        "start": whole["start"].isoformat(), "end": whole["end"].isoformat(), **figures,
-        "ledger_kwh": {t: whole[k] for k, t in ledger.items()}, "measured_from": sources,
-        "trips": len(tables["trips"]), "vehicles": len(tables["vehicles"]),
-        "units": {"auxiliary_share": "1", "soc_start": "1", "soc_end": "1", "soc_end_model": "1"},
-    }  # fmt: skip
-
-
 SAID = {
     "power": "the power channel", "voltage and current": "voltage times current",
     "soc": "the change of the state of charge",
 }  # fmt: skip
 
 
-def _lines(
-    whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
-) -> list[str]:
-    per_km = f", {whole['kwh_per_km']:.3f} kWh/km" if np.isfinite(whole["kwh_per_km"]) else ""
-    trips, trucks = count(len(tables["trips"]), "trip"), count(len(tables["vehicles"]), "truck")
-    causes = {t.replace("_", " "): whole[f"{t}_kwh"] for t in terms}
-    shares = ", ".join(f"{cause} {kwh:.2f}" for cause, kwh in causes.items() if abs(kwh) >= 0.005)
-    auxiliary = whole["auxiliary_share"]
+def _lines(s: dict[str, Any]) -> list[str]:
+    per_km = f", {s['kwh_per_km']:.3f} kWh/km" if np.isfinite(s["kwh_per_km"]) else ""
+    trips, trucks = count(s["trips"], "trip"), count(s["vehicles"], "truck")
+    causes = {t.replace("_", " "): kwh for t, kwh in s["ledger_kwh"].items() if abs(kwh) >= 0.005}
+    shares = ", ".join(f"{cause} {kwh:.2f}" for cause, kwh in causes.items())
+    auxiliary = s["auxiliary_share"]
     loads = f"; auxiliary loads take {percent(auxiliary)}" if np.isfinite(auxiliary) else ""
     out = [
-        f"{trips} of {trucks} took {whole['energy_kwh']:.2f} kWh"
-        f" (95 % interval ± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
-        f" in {whole['duration_h']:.1f} h{per_km}.",
+        f"{trips} of {trucks} took {s['energy_kwh']:.2f} kWh"
+        f" (95 % interval ± {1.96 * s['deviation_kwh']:.2f}): {s['distance_km']:.1f} km"
+        f" in {s['duration_h']:.1f} h{per_km}.",
         f"Breakdown in kWh: {shares}.",
-        f"Recovered: {whole['regenerated_kwh'] + 0.0:.2f} kWh; highest power {whole['peak_power_kw']:.1f} kW"
-        f"{loads}.",
+        f"Recovered: {s['regenerated_kwh'] + 0.0:.2f} kWh; highest power {s['peak_power_kw']:.1f} kW{loads}.",
     ]
-    if np.isfinite(whole["measured_kwh"]) and whole["measured_kwh"]:
-        share = whole["difference_kwh"] / whole["measured_kwh"]
+    if np.isfinite(s["measured_kwh"]) and s["measured_kwh"]:
+        share = s["difference_kwh"] / s["measured_kwh"]
         out.append(
-            f"Where energy was measured: {whole['measured_kwh']:.2f} kWh measured, "
-            f"{whole['model_beside_measured_kwh']:.2f} kWh modelled ({100.0 * share:+.1f} %)."
+            f"Where energy was measured: {s['measured_kwh']:.2f} kWh measured, "
+            f"{s['model_beside_measured_kwh']:.2f} kWh modelled ({100.0 * share:+.1f} %)."
         )
-    if whole["collapsed_s"] > 0.0:
+    if s["collapsed_s"] > 0.0:
         out.append(
-            f"The voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: "
+            f"The voltage collapses (to {s['lowest_voltage_v']:.1f} V) for {s['collapsed_s']:.0f} s: "
             "the model asks for more power than the battery can give."
         )
-    known = ", ".join(f"{SAID[s]} ({count(n, 'trip')})" for s, n in sources.items() if s != "nothing")
+    sources = dict(s["measured_from"])
+    none = sources.pop("nothing", 0)
+    known = ", ".join(f"{SAID[source]} ({count(n, 'trip')})" for source, n in sources.items())
     if not known:
         unknown = "The log has no electrical channel: nothing was measured, the figures are the model's."
         return [*out, unknown]
-    rest = f"; {count(sources['nothing'], 'trip')} had none" if "nothing" in sources else ""
+    rest = f"; {count(none, 'trip')} had none" if none else ""
     return [*out, f"Measured energy comes from {known}{rest}."]
 
 
-def _shapes(bins: pd.DataFrame, terms: Sequence[str], whole: pd.Series, edges: pd.DataFrame) -> list[Shape]:
+def _shapes(bins: pd.DataFrame, ledger: dict[str, float], edges: pd.DataFrame) -> list[Shape]:
     shapes: list[Shape] = []
     if len(edges):
         edge, (start, end, value) = edges["edge"].to_numpy(np.int32), edges[OF_STRETCH].to_numpy(float).T
         shapes.append(EdgeValues("energy_per_metre", edge, start, end, value, "energy [J/m]"))
-    kwh = np.array([whole[f"{t}_kwh"] for t in terms])
-    shapes.append(Bars("energy by cause", tuple(t.replace("_", " ") for t in terms), kwh, "energy [kWh]"))
-    return shapes + _curves(bins, terms)
+    kwh, causes = np.array([*ledger.values()]), tuple(t.replace("_", " ") for t in ledger)
+    return [*shapes, Bars("energy by cause", causes, kwh, "energy [kWh]"), *_curves(bins, [*ledger])]
 
 
 def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> list[Shape]:

@@ -23,17 +23,11 @@ from fleetlog.store import Dataset
 
 
 def heatmap(
-    dataset: Dataset,
-    *,
-    cell: Annotated[float, Between(0.01, 1e6)] = 1.0,
-    quantity: Quantity = "occupancy",
-    smooth: Annotated[float, Between(0.0, 1e4)] = 0.0,
-    hours: HourRange | None = None,
-    vehicle: tuple[str, ...] = (),
-    load: Literal["all", "laden", "empty"] = "all",
-    compare: Dataset | None = None,
-    by: Grouping | None = None,
-) -> Result:
+    dataset: Dataset, *, cell: Annotated[float, Between(0.01, 1e6)] = 1.0, quantity: Quantity = "occupancy",
+    smooth: Annotated[float, Between(0.0, 1e4)] = 0.0, hours: HourRange | None = None,
+    vehicle: tuple[str, ...] = (), load: Literal["all", "laden", "empty"] = "all",
+    compare: Dataset | None = None, by: Grouping | None = None,
+) -> Result:  # fmt: skip
     """Draw how much time trucks spend where, on the floor and on the roads.
 
     Parameters
@@ -56,7 +50,7 @@ def heatmap(
         raise DataError("no row is left by this choice of hours, vehicles and load", do="choose a wider one")
     here = functools.reduce(HeatMap.__add__, groups.values())
     summary = _summary(dataset, here, quantity, smooth)
-    grids = [_drawn("heat" if by is None else name, m, quantity, smooth) for name, m in groups.items()]
+    shapes: list[Shape] = [_drawn(n if by else "heat", m, quantity, smooth) for n, m in groups.items()]
     table = _cell_table(here)
     if by is not None:
         summary["by"] = {name: {"vehicle_hours": float(m.grid[0].sum() / 3600)} for name, m in groups.items()}
@@ -64,8 +58,7 @@ def heatmap(
         table = pd.concat(parts, ignore_index=True)
     if compare is not None:
         other = maps.compute(compare, here.cells, hours=hours, state=load)
-        grids = [_compared(here, other, summary, table, str(compare.path))]
-    shapes: list[Shape] = [*grids]
+        shapes = [_compared(here, other, summary, table, str(compare.path))]
     tables = {"cells": table}
     if dataset.site.network is not None:
         tables["edges"], shape = _edge_layer(dataset.site.network, here, quantity)
@@ -101,16 +94,16 @@ def _cell_table(here: HeatMap) -> pd.DataFrame:
 
 
 def _edge_layer(network: Network, here: HeatMap, quantity: Quantity) -> tuple[pd.DataFrame, EdgeValues]:
+    v = maps.values(here.edges, quantity, 1.0)
+    seen = np.flatnonzero(np.isfinite(v))
     first = maps.stretches(network)
-    edge = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first))
-    start = np.asarray((np.arange(int(first[-1])) - first[edge]) * maps.STRETCH, dtype=np.float64)
+    edge = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first))[seen]
+    start = np.asarray((seen - first[edge]) * maps.STRETCH, dtype=np.float64)
     end = np.minimum(start + maps.STRETCH, network.length[edge])
     names = np.array(network.edge_ids, dtype=object)[edge]
-    table = pd.DataFrame({"edge_id": names, "from": start, "to": end, **maps.by_name(here.edges)})
-    v = maps.values(here.edges, quantity, 1.0)
-    seen, label = np.isfinite(v), maps.LABELS[quantity].replace("/m²", "")
-    drawn = EdgeValues("roads", edge[seen], start[seen], end[seen], v[seen], label)
-    return table[seen].reset_index(drop=True), drawn
+    table = pd.DataFrame({"edge_id": names, "from": start, "to": end, **maps.by_name(here.edges[:, seen])})
+    label = maps.LABELS[quantity].replace("/m²", "")
+    return table, EdgeValues("roads", edge, start, end, v[seen], label)
 
 
 def _summary(dataset: Dataset, here: HeatMap, quantity: Quantity, smooth: float) -> dict[str, Any]:
@@ -168,11 +161,12 @@ def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple
     for row, (cell, time) in zip(flat, units, strict=True):
         row[np.searchsorted(seen, cell)] = time / time.sum()
     rng = np.random.default_rng(seed)
-    na, nb = max(len(a.units), 1), max(len(b.units), 1)
-    null = np.array([
-        flat[rng.integers(0, len(flat), na)].mean(axis=0) - flat[rng.integers(0, len(flat), nb)].mean(axis=0)
-        for _ in range(draws)
-    ])  # fmt: skip
+
+    def resampled(m: HeatMap) -> Floats:
+        """Mean shares of as many units as a map has, drawn from all."""
+        return np.asarray(flat[rng.integers(0, len(flat), max(len(m.units), 1))].mean(axis=0))
+
+    null = np.array([resampled(a) - resampled(b) for _ in range(draws)])
     from scipy.stats import false_discovery_control, norm
 
     z = np.abs(observed.ravel()[seen]) / np.maximum(null.std(axis=0), 1e-12)

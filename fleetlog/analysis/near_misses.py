@@ -61,21 +61,30 @@ def near_misses(
             # Two grids, as a way along the border of cells is in either of them.
             found += [_crossings(part, pet, length, shift) for shift in (0.0, 0.5 * CELL)]
     table = _events(np.concatenate(found), dataset.vehicles)
-    worst = table.assign(worst=table[["ttc_s", "pet_s"]].min(axis=1)).nsmallest(WORST, "worst")
-    at, labels = worst[["x", "y"]].to_numpy(float), tuple(f"{v:.1f} s" for v in worst["worst"])
-    marks = Marks("near misses", at, labels, np.full(len(worst), 1.0), "critical")
     kinds = {str(k): int(n) for k, n in table["kind"].value_counts().sort_index().items()}
     summary = {
         "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
         "near_misses": len(table), "kinds": kinds,
     }  # fmt: skip
-    return Result("near_misses", summary, {}, {"near_misses": table}, [marks], _lines(summary, table))
+    lines = _lines(summary, table)
+    return Result("near_misses", summary, {}, {"near_misses": table}, [_marks(table)], lines)
+
+
+def _marks(table: pd.DataFrame) -> Marks:
+    """The closest ones, each with its lower indicator."""
+    seconds = table[["ttc_s", "pet_s"]].set_axis(["TTC", "PET"], axis=1)
+    worst = seconds.min(axis=1).nsmallest(WORST)
+    which = seconds.loc[worst.index].fillna(np.inf).idxmin(axis=1)
+    labels = tuple(f"{name} {s:.1f} s" for name, s in zip(which, worst, strict=True))
+    at = table.loc[worst.index, ["x", "y"]].to_numpy(float)
+    return Marks("near misses", at, labels, np.full(len(at), 1.0), "critical")
 
 
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     if s["vehicles"] < 2:
         return ["Near misses are between trucks: one alone has none."]
-    rule = f"time to collision under {s['ttc_s']:g} s, or crossing within {s['pet_s']:g} s of one another"
+    limits = f"{s['ttc_s']:g} s, or crossing within {s['pet_s']:g} s of one another (PET)"
+    rule = f"time to collision (TTC) under {limits}"
     if not len(table):
         return [f"No near miss between two trucks ({rule})."]
     pairs = table.groupby(["vehicle_a", "vehicle_b"]).size().sort_values(ascending=False, kind="stable")

@@ -49,9 +49,8 @@ def speeding(
         "top_speed_m_s": float(table["top_speed"].max()) if len(table) else None,
     }  # fmt: skip
     worst = table.head(WORST)
-    labels = tuple(f"{v:.1f} m/s" for v in worst["top_speed"])
-    at = worst[["x", "y"]].to_numpy(float)
-    marks = Marks("speeding", at, labels, np.full(len(worst), 1.0), "critical")
+    labels, size = tuple(f"{v:.1f} m/s" for v in worst["top_speed"]), np.full(len(worst), 1.0)
+    marks = Marks("speeding", worst[["x", "y"]].to_numpy(float), labels, size, "critical")
     return Result("speeding", summary, {}, {"speeding": table}, [marks], _lines(summary, table))
 
 
@@ -92,13 +91,13 @@ def _events(t: Trajectory, site: Site, margin: float) -> tuple[list[tuple[Any, .
     dt = np.where(step <= MAX_GAP, step, 0.0)
     driven = float(dt[np.isfinite(limit) & (speed > STANDING_SPEED)].sum())
     over = (speed > limit * (1.0 + margin)) & (dt > 0.0)
+    x, y = t.floats("x"), t.floats("y")
     rows: list[tuple[Any, ...]] = []
     for a, b in runs(over):
         k = a + int(np.argmax(speed[a:b] - limit[a:b]))
         place = site.zones[-1 - whose[k]].id if whose[k] < 0 else site.roads().edge_ids[whose[k]]
-        end, duration, top = t.time[min(b, len(t) - 1)], dt[a:b].sum(), speed[a:b].max()
-        at = (t.floats("x")[k], t.floats("y")[k])
-        rows.append((t.vehicle_id, t.time[a], end, duration, top, limit[k], place, *at))
+        figures = dt[a:b].sum(), speed[a:b].max(), limit[k]
+        rows.append((t.vehicle_id, t.time[a], t.time[min(b, len(t) - 1)], *figures, place, x[k], y[k]))
     return rows, driven
 
 

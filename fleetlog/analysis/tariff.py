@@ -73,10 +73,8 @@ def load_tariff(path: str | Path) -> Tariff:
 def _hours(begin: int, end: int, days: list[int]) -> NDArray[np.bool_]:
     """(7, 24) the hours of a period that begins on each of ``days``."""
     length = (end - begin) % 24 or 24
-    hour = np.add.outer(24 * np.array(days), begin + np.arange(length)).ravel() % (7 * 24)
-    out = np.zeros(7 * 24, dtype=bool)
-    out[hour] = True
-    return out.reshape(7, 24)
+    hours = np.add.outer(24 * np.array(days), begin + np.arange(length)) % (7 * 24)
+    return np.isin(np.arange(7 * 24), hours).reshape(7, 24)
 
 
 def costs(used: pd.Series, charged: pd.Series, local: pd.Series, tariff: Tariff) -> tuple[Floats, Floats]:

@@ -50,9 +50,9 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
     by = ["trips", "from_place", "to_place"]
     pairs = pairs.sort_values(by, ascending=[False, True, True], ignore_index=True)
     per = real.groupby("vehicle_id").distance.sum() / 1000.0
-    at, none = real[["x_end", "y_end"]].to_numpy(float), ("",) * len(real)
     bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
-    ends = Marks("trip ends", at, none, np.full(len(real), 0.3))
+    at = real[["x_end", "y_end"]].to_numpy(float)
+    ends = Marks("trip ends", at, ("",) * len(at), np.full(len(at), 0.3))
     tables = {"trips": table, "pairs": pairs}
     return Result("trips", summary, tables, {}, [_flows(dataset, real), ends, bars], _lines(summary, pairs))
 

@@ -163,10 +163,9 @@ def _set_down(laden: Mask, stand: Ints) -> Mask:
 
 def _charging(t: Trajectory, first: Ints, rows: Ints, lasts: Floats) -> Mask:
     """Where the log says so; standstills in which the battery takes power on average, or its charge rises."""
-    own = t.columns.get("charging")
-    said = (
-        np.zeros(len(t)) if own is None or isinstance(own, Labels) else np.nan_to_num(np.asarray(own, float))
-    )
+    said = np.zeros(len(t))
+    if "charging" in t and not isinstance(t.columns["charging"], Labels):
+        said = np.nan_to_num(t.floats("charging"))
     soc = t.floats("soc")
     rise = np.repeat(soc[first + rows - 1] - soc[first], rows)
     taken = np.repeat(-np.add.reduceat(np.nan_to_num(t.floats("battery_power")), first) / rows, rows)

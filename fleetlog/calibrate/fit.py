@@ -152,31 +152,28 @@ class _Problem:
         """The optimum with all but the free numbers at their prior."""
         from scipy.optimize import least_squares
 
-        if not free.any():
+        axes = np.eye(len(UNKNOWNS))[free]
+        if not len(axes):
             return np.zeros(len(UNKNOWNS))
         low, high = self.low[free], self.high[free]
 
-        def full(part: Floats) -> Floats:
-            out = np.zeros(len(UNKNOWNS))
-            out[free] = part
-            return out
-
         def residual(part: Floats) -> Floats:
-            return np.concatenate([self.misfit(full(part)), part])
+            return np.concatenate([self.misfit(part @ axes), part])
 
         def slope(part: Floats) -> Floats:
-            return np.concatenate([self.jacobian(full(part), free), np.eye(len(part))])
+            return np.concatenate([self.jacobian(part @ axes)[:, free], np.eye(len(part))])
 
         # The trust region wants a start inside the bounds, also where the prior stands on one.
         start = np.clip(np.zeros(len(low)), low + 1e-2, high - 1e-2)
-        found = least_squares(residual, start, jac=slope, bounds=(low, high), xtol=1e-10)
+        found = least_squares(residual, start, jac=slope, bounds=(low, high), xtol=1e-10).x
         # A solution a hair from its bound is the bound.
-        return full(np.where(found.x - low < 1e-6, low, np.where(high - found.x < 1e-6, high, found.x)))
+        found = np.where(found - low < 1e-6, low, np.where(high - found < 1e-6, high, found))
+        return np.asarray(found @ axes)
 
-    def jacobian(self, z: Floats, free: NDArray[np.bool_] | None = None) -> Floats:
-        """(M, K) derivative of prediction / sigma by z (the free columns), central where the bounds allow."""
+    def jacobian(self, z: Floats) -> Floats:
+        """(M, K) derivative of prediction / sigma by z, central where the bounds allow."""
         columns = []
-        for axis in np.eye(len(z), dtype=bool)[slice(None) if free is None else free]:
+        for axis in np.eye(len(z), dtype=bool):
             up = np.where(axis, np.minimum(z + STEP, self.high), z)
             down = np.where(axis, np.maximum(z - STEP, self.low), z)
             columns.append((self.misfit(up) - self.misfit(down)) / (up - down)[axis])

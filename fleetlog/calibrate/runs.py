@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fleetlog.core.arguments import Between
 from fleetlog.core.files import open_regular
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
@@ -76,22 +77,21 @@ def _drive(r: Run, truck: Truck) -> list[Piece]:
     return run(r.length, r.speed, up, down)
 
 
-def _level(r: Run, truck: Truck) -> list[Piece]:
-    """At one speed."""
-    return [Piece(r.length / r.speed, r.speed)]
-
-
 KINDS: dict[str, tuple[tuple[str, ...], Callable[[Run, Truck], list[Piece]]]] = {
     "idle": (("energy", "duration"), lambda r, t: [Piece(r.duration)]),
     "lift": (("energy", "height"), lambda r, t: lift(r.height, t)[:1]),
     "lower": (("energy", "height"), lambda r, t: lift(r.height, t)[1:]),
     **dict.fromkeys(("drive", "stop_and_go"), (("energy", "length", "speed"), _drive)),
-    **dict.fromkeys(("steady", "ramp"), (("energy", "length", "speed"), _level)),
+    **dict.fromkeys(
+        ("steady", "ramp"), (("energy", "length", "speed"), lambda r, t: [Piece(r.length / r.speed, r.speed)])
+    ),
     "coast_down": (("speed", "duration"), lambda r, t: []),
     "vdi2198": (("energy",), lambda r, t: vdi_pieces(t, VDI_SPEED if np.isnan(r.speed) else r.speed)),
 }
 """What a row of each kind must have, and how one repeat is driven."""
 POSITIVE = ("sigma", "repeats", "length", "height", "speed", "acceleration", "deceleration", "duration")
+NOT_NEGATIVE = ("payload", "end_speed")
+LIMITS = dict.fromkeys(POSITIVE, Between(0.0, above=True)) | dict.fromkeys(NOT_NEGATIVE, Between(0.0))
 
 
 def coast_time(r: Run, physics: Physics) -> float:
@@ -115,7 +115,7 @@ def read_runs(path: Path) -> list[Run]:
             for column in reader.fieldnames or ():
                 if column.strip() not in known:
                     raise InputError("unknown column", where=path, place=column, do=nearest(column, known))
-            rows = [_run(row, path, i) for i, row in enumerate(reader, start=1)]
+            rows = [_run(row, path, f"row {i}") for i, row in enumerate(reader, start=1)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"not readable as a table: {error}", where=path) from None
     if not rows:
@@ -123,35 +123,22 @@ def read_runs(path: Path) -> list[Run]:
     return rows
 
 
-def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
-    def fault(what: str, column: str = "", do: str | None = None) -> InputError:
-        return InputError(what, where=path, place=f"row {number}{column and ', '}{column}", do=do)
-
+def _run(row: dict[str, str | None], path: Path, place: str) -> Run:
     given = {k.strip(): v.strip() for k, v in row.items() if k is not None and v and v.strip()}
     kind = given.pop("kind", "")
     if kind not in KINDS:
-        raise fault(f"unknown kind of run {kind!r}", do=nearest(kind, KINDS))
-    name = given.pop("run", f"{kind} {number}")
+        raise InputError(f"unknown kind of run {kind!r}", where=path, place=place, do=nearest(kind, KINDS))
+    name, numbers = given.pop("run", f"{kind} {place.removeprefix('row ')}"), {}
     for column, text in given.items():
-        if wrong := _wrong(column, text):
-            raise fault(wrong, column)
-    numbers = {column: float(text) for column, text in given.items()}
+        try:
+            numbers[column] = LIMITS.get(column, Between())(text)
+        except ValueError as wrong:
+            raise InputError(str(wrong), where=path, place=f"{place}, {column}") from None
     for column in KINDS[kind][0]:
         if column not in given:
-            raise fault(f"a run of kind {kind} needs {column!r}")
-    if numbers.get("end_speed", 0.0) >= numbers.get("speed", np.inf):
-        raise fault("the end speed is not below the speed", "end_speed")
-    return Run(name, kind, **numbers)
-
-
-def _wrong(column: str, text: str) -> str:
-    """Why no run can have this number; empty where one can."""
-    try:
-        value = float(text)
-    except ValueError:
-        return f"{text!r} is not a number"
-    if not np.isfinite(value):
-        return f"{value} is not a number"
-    if column in POSITIVE and value <= 0.0:
-        return f"{value:g} must be more than 0"
-    return f"{value:g} must not be negative" if column in ("payload", "end_speed") and value < 0.0 else ""
+            raise InputError(f"a run of kind {kind} needs {column!r}", where=path, place=place)
+    run = Run(name, kind, **numbers)
+    if run.end_speed >= run.speed:
+        what = "the end speed is not below the speed"
+        raise InputError(what, where=path, place=f"{place}, end_speed")
+    return run

@@ -12,7 +12,6 @@ from markupsafe import Markup
 from fleetlog.core.result import Result
 from fleetlog.report.facts import Facts
 from fleetlog.view.picture import Layer, Panel, svg
-from fleetlog.view.scales import Scale
 
 
 @dataclass(frozen=True)
@@ -75,13 +74,11 @@ def number(value: float) -> str:
     return f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
 
 
-def picture(
-    facts: Facts, shape: Layer | Panel | None, caption: str, result: Result | None = None,
-    scale: Scale | None = None,
-) -> Picture:  # fmt: skip
+def picture(facts: Facts, shape: Layer | Panel | None, caption: str, result: Result | None = None) -> Picture:
     """One shape of a result as it stands on the page."""
     whole = result or Result("picture", {}, shapes=[] if shape is None else [shape])
-    salt = f"{facts.name}/{whole.name}/{getattr(shape, 'name', 'map')}"
+    name = getattr(shape, "name", "map")
+    salt, scale = f"{facts.name}/{whole.name}/{name}", facts.scales.get(name)
     return Picture(svg(whole, facts.site, shape, salt=salt, scale=scale, zone=facts.zone), caption)
 
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.consumption import consumption
 from fleetlog.analysis.density import density
 from fleetlog.analysis.energy import energy
 from fleetlog.analysis.heatmap import heatmap
@@ -21,20 +20,36 @@ from fleetlog.analysis.speeding import speeding
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.tariff import Tariff, costs
 from fleetlog.analysis.trips import trips
-from fleetlog.analysis.utilisation import QUARTER, STATES, hours_by_state, quarters, utilisation
+from fleetlog.analysis.utilisation import (
+    COLUMNS,
+    QUARTER,
+    STATES,
+    hours_by_state,
+    joined_days,
+    quarters,
+    row_states,
+    stamps,
+    utilisation,
+)  # fmt: skip
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
+from fleetlog.physics.motion.channels import measured_power
 from fleetlog.simulate.places import find_stands
 from fleetlog.store import Dataset
 from fleetlog.store.events import read_table
-from fleetlog.store.trips import MIN_LOAD_CHANGE
+from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE
+from fleetlog.view.scales import Scale
 
 SHORTEST_TRIP = 5.0  # A shorter trip is shunting [m]
 MOST_CELLS = 400  # Of the heat map, along its longer side
 Ledger = pd.DataFrame
+KEYS = ["vehicle_id", "start"]  # Of the ledger
+UNITS = {"km": 1000.0, "energy_km": 1000.0, "energy_h": 3600.0, "used_kwh": 1.0, "charged_kwh": 1.0}
+"""Of consumption, in metres, seconds and kWh."""
 
 
 @dataclass
@@ -51,6 +66,7 @@ class Facts:
     ledger: Ledger = field(default_factory=pd.DataFrame)
     energy_from: dict[str, str] = field(default_factory=dict)  # By truck: where its energy comes from
     left_out: list[str] | None = None  # What the diagnosis says of it, where there was one
+    scales: dict[str, Scale] = field(default_factory=dict)  # Of maps that both datasets have
 
     @property
     def site(self) -> Site:
@@ -107,7 +123,7 @@ def _ledger(facts: Facts) -> Ledger:
     parts += [_summed("near_misses", near, 0.5, who) for who in ("vehicle_a", "vehicle_b")]
     if "density" in results and len(late := results["density"].tables["tasks"]):
         parts.append(_summed("delay_s", late, late["delay"]))
-    out = pd.concat(parts).groupby(level=["vehicle_id", "start"]).sum()
+    out = pd.concat(parts).groupby(level=KEYS).sum()
     # What the data cannot show is no zero.
     if not results["speeding"].summary["limited_s"]:
         out = out.drop(columns="over_s")
@@ -136,19 +152,42 @@ def _states(table: pd.DataFrame) -> Ledger:
     return hours.rename(columns={s: f"{s}_h" for s in STATES})
 
 
+def consumption(dataset: Dataset) -> Ledger:
+    """Kilometres, and energy used and charged as the log's electrical channels give it.
+
+    Power is held from each row to the next; a silence longer than ``MAX_GAP`` counts nothing.  What flows
+    into the battery while the truck is charged is charged energy, everything else is used (braking returns
+    some).  ``energy_km`` and ``energy_h`` are those with a known power.
+    """
+    days = map(_quarters, joined_days(dataset, (*COLUMNS, "battery_voltage", "battery_current")))
+    return pd.concat(days).groupby(level=KEYS).sum().div(pd.Series(UNITS))
+
+
+def _quarters(t: Trajectory) -> Ledger:
+    """One day of a truck, in the ``UNITS``."""
+    step = np.diff(t.time, append=t.time[-1:]) * 1e-6
+    dt = np.where(step <= MAX_GAP, step, 0.0)
+    watts = measured_power(t)
+    known = np.isfinite(watts)
+    kwh = np.where(known, watts, 0.0) * dt / 3.6e6
+    charging = row_states(t) == STATES.index("charging")
+    metres = np.nan_to_num(t.floats("speed")) * dt
+    energy = np.where(charging, 0.0, kwh), np.where(charging, -kwh, 0.0)
+    rows = pd.DataFrame(dict(zip(UNITS, (metres, known * metres, known * dt, *energy), strict=True)))
+    rows["vehicle_id"], rows["start"] = t.vehicle_id, stamps(t.time // QUARTER * QUARTER)
+    return rows.groupby(KEYS).sum()
+
+
 def _energy(facts: Facts) -> Ledger:
     """Kilometres and energy; without an electrical channel that of the truck's model, if there is one."""
-    table = consumption(facts.dataset)
-    table["km"], table["energy_km"] = table["metres"] / 1000.0, table["measured_m"] / 1000.0
-    table["energy_h"] = table["measured_s"] / 3600.0
-    measured = table.groupby("vehicle_id")["measured_s"].transform("sum") > 0.0
-    facts.energy_from = dict.fromkeys(table.loc[measured, "vehicle_id"], "power")
-    keep = ["km", "energy_km", "energy_h", "used_kwh", "charged_kwh"]
-    out = table.set_index(["vehicle_id", "start"])[keep]
+    out = consumption(facts.dataset)
+    hours = out["energy_h"].groupby(level="vehicle_id").sum()
+    measured = hours.index[hours > 0.0]
+    facts.energy_from = dict.fromkeys(measured, "power")
     if "energy" not in facts.results:
         return out
     model = facts.results["energy"].tables["energy_trips"]
-    model = model[~model["vehicle_id"].isin(table.loc[measured, "vehicle_id"])]
+    model = model[~model["vehicle_id"].isin(measured)]
     gauge = model["measured_kwh"]
     used = gauge.where(gauge > 0.0, model["energy_kwh"].where(gauge.isna(), 0.0))
     known = gauge.notna().groupby(model["vehicle_id"]).any()

@@ -7,24 +7,23 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.tariff import load_tariff
-from fleetlog.core.result import EdgeValues, Grid, Result
+from fleetlog.core.result import Result
 from fleetlog.core.schema import Wrong, time_zone
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
 from fleetlog.errors import ArgumentError, DataError
 from fleetlog.registry import added, part
-from fleetlog.report.comparison import Row, changes, frame, page_table, rows_of
 from fleetlog.report.content import Part, render
 from fleetlog.report.diagnosis import in_short
 from fleetlog.report.facts import Facts, gather
-from fleetlog.report.sections import SECTIONS, answers, local_span, shapes
+from fleetlog.report.figures import Row, changes, frame, page_table, rows_of
+from fleetlog.report.sections import SECTIONS, answers, local_span
 from fleetlog.store import Dataset
 from fleetlog.version import __version__
-from fleetlog.view.scales import Scale, scale_of
+from fleetlog.view.scales import scales_of
 
 
 @dataclass
@@ -74,6 +73,9 @@ def report(
         for f in facts:
             # A simulation leaves out nothing that its model has.
             f.left_out = in_short(f) if f.dataset.kind == "recorded" else []
+    maps = [f.results[name] for name in ("heatmap", "density") for f in facts if name in f.results]
+    scales = scales_of([shape for result in maps for shape in result.shapes])
+    facts = [replace(f, scales=scales) for f in facts]
     rows = rows_of(facts)
     lead = changes(rows, names) if len(facts) == 2 else answers(facts[0])
     return Report(_page(facts, rows, lead), _summary(facts, rows, lead), _tables(facts, rows), lead, zone)
@@ -109,8 +111,7 @@ def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
     """Title and a part for each dataset; at last the sentences of analyses that other packages add."""
     out = []
     for title, make in SECTIONS.items():
-        shared = _common(title, facts)
-        out.append((title, [replace(make(f, **shared), name=f.name) for f in facts]))
+        out.append((title, [replace(make(f), name=f.name) for f in facts]))
         if title == "Energy" and any(f.left_out for f in facts):
             parts = [Part(f.left_out, name=f.name) for f in facts if f.left_out]
             out.append(("What the truck model leaves out", parts))
@@ -131,13 +132,6 @@ def added_results(dataset: Dataset, truck: Truck | None = None) -> Iterator[Resu
         if set(needed) <= options.keys():
             with suppress(DataError):  # these data cannot answer it
                 yield function(dataset, **options)
-
-
-def _common(title: str, facts: list[Facts]) -> dict[str, Scale]:
-    """One colour scale for the maps of both datasets."""
-    name, kind = {"Places": ("heatmap", Grid), "Congestion": ("density", EdgeValues)}.get(title, ("", Grid))
-    drawn = [s for f in facts for s in shapes(f, name, kind)[:1] if isinstance(s, Grid | EdgeValues)]
-    return {"scale": scale_of(np.concatenate([np.ravel(s.values) for s in drawn]))} if len(drawn) > 1 else {}
 
 
 def _summary(facts: list[Facts], rows: list[Row], lead: list[str]) -> dict[str, Any]:

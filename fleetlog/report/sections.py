@@ -13,7 +13,6 @@ from fleetlog.report.condition import charge, data_quality
 from fleetlog.report.content import Part, number, picture, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
-from fleetlog.view.scales import Scale
 
 S = TypeVar("S", Bars, Grid, EdgeValues)
 # Heading, column and format of every table.
@@ -53,7 +52,7 @@ def shapes(facts: Facts, name: str, kind: type[S]) -> list[S]:
 
 def utilisation_part(f: Facts) -> Part:
     """What the trucks do, by truck and by hour of the day."""
-    hours = f.ledger[[f"{s}_h" for s in STATES]].rename(columns=lambda c: c.removesuffix("_h"))
+    hours = f.ledger[[f"{s}_h" for s in STATES]].set_axis(STATES, axis=1)
     by_truck = hours.groupby(level="vehicle_id").sum()
     of_day = f.local(hours.index.get_level_values("start").to_series()).dt.strftime("%H:00").to_numpy()
     by_hour = hours.groupby(of_day).sum()
@@ -138,7 +137,7 @@ def _model_lines(f: Facts, result: Result) -> list[str]:
     return out
 
 
-def places(f: Facts, scale: Scale | None = None) -> Part:
+def places(f: Facts) -> Part:
     """Where the trucks are: busiest places, passages over the floor."""
     part = Part()
     if (result := f.results.get("stops")) is not None:
@@ -150,11 +149,11 @@ def places(f: Facts, scale: Scale | None = None) -> Part:
         else:
             part.lines.append("No place was visited three times or more.")
     for grid in shapes(f, "heatmap", Grid)[:1]:
-        part.blocks.append(picture(f, grid, "How often trucks pass", scale=scale))
+        part.blocks.append(picture(f, grid, "How often trucks pass"))
     return part
 
 
-def congestion(f: Facts, scale: Scale | None = None) -> Part:
+def congestion(f: Facts) -> Part:
     """Delay by others, and where."""
     if "density" not in f.results:
         return Part([f"Congestion is not known: {f.missing.get('density', '')}."])
@@ -169,7 +168,7 @@ def congestion(f: Facts, scale: Scale | None = None) -> Part:
         caption = "Delay in congestion, with the areas that it adds up to"
         for layer in shapes(f, "density", EdgeValues):
             only = Result("density", {}, shapes=[layer, *marks])
-            part.blocks.append(picture(f, layer, caption, only, scale))
+            part.blocks.append(picture(f, layer, caption, only))
     return part
 
 
@@ -178,10 +177,10 @@ def safety(f: Facts) -> Part:
     part = Part()
     near, over = (f.results[name].places[name] for name in ("near_misses", "speeding"))
     near = near.assign(worst=near[["ttc_s", "pet_s"]].min(axis=1)).sort_values("worst")
-    closest, longest = "Near misses, the closest first", "Longest drives above the limit"
+    words = " (TTC: time to collision, PET: post-encroachment time)"
     for name, found, caption, key, heads in (
-        ("near_misses", near, closest, " (TTC: time to collision, PET: post-encroachment time)", NEAR),
-        ("speeding", over, longest, "", OVER),
+        ("near_misses", near, "Near misses, the closest first", words, NEAR),
+        ("speeding", over, "Longest drives above the limit", "", OVER),
     ):
         part.lines += f.results[name].lines
         if len(found):

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -29,18 +30,15 @@ def held(
         do = "install fleetlog[excel], or name a folder for Parquet files"
         raise InputError("writing .xlsx needs another package", do=do)
     with atomic_output(target, "report tables", overwrite=overwrite, folder=not book, inputs=inputs) as out:
-
-        def write(tables: dict[str, pd.DataFrame], zone: str) -> None:
-            if book:
-                write_workbook(tables, out, zone)
-                return
-            for name, table in tables.items():
-                table.to_parquet(out / f"{name}.parquet", index=False)
-
-        yield write
+        yield partial(_write_workbook if book else _write_parquet, out)
 
 
-def write_workbook(tables: dict[str, pd.DataFrame], path: Path, zone: str) -> None:
+def _write_parquet(folder: Path, tables: dict[str, pd.DataFrame], zone: str) -> None:
+    for name, table in tables.items():
+        table.to_parquet(folder / f"{name}.parquet", index=False)
+
+
+def _write_workbook(path: Path, tables: dict[str, pd.DataFrame], zone: str) -> None:
     """One sheet a table; times are those of the zone, as a sheet knows none."""
     with pd.ExcelWriter(path, engine="xlsxwriter", engine_kwargs={"options": TEXT_ONLY}) as book:
         for name, table in tables.items():

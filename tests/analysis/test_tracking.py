@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleetlog.analysis.clusters.crowds import Crowds, together
+from fleetlog.analysis.clusters.steps import Crowds, together
 from fleetlog.analysis.clusters.tracking import JACCARD, LEAVE, episodes
 
 LIMIT, STEP, TRUCKS = 1.0, 1_000_000, 6
@@ -19,16 +19,25 @@ def crowds(steps):
     size = [len(g) for _, _, g, _ in rows]
     truck = np.array([m for _, _, g, _ in rows for m in g], np.int64)
     none, members = np.zeros(0), len(truck)
-    return Crowds(
-        NAMES, np.array([t * STEP for t, *_ in rows], np.int64), np.array([k for _, k, *_ in rows], np.int64),
-        np.array([v for *_, v in rows]), np.zeros(len(rows)), np.concatenate([[0], np.cumsum(size)]).astype(np.int64),
-        truck, np.zeros(members, np.int32), np.zeros(members), np.zeros(members), none.astype(np.int64),
-        np.zeros((0, 2, 2)), none.astype(bool), {}, len(steps),
-    )  # fmt: skip
+    clusters = {
+        "time": np.array([t * STEP for t, *_ in rows], np.int64), "size": np.array(size, np.int64),
+        "label": np.array([k for _, k, *_ in rows], np.int64), "mean_speed": np.array([v for *_, v in rows]),
+        "slow_share": np.zeros(len(rows)),
+    }  # fmt: skip
+    of = {
+        "truck": truck,
+        "edge": np.zeros(members, np.int32),
+        "offset": np.zeros(members),
+        "speed": np.zeros(members),
+    }
+    arcs = {"time": none.astype(np.int64), "ends": np.zeros((0, 2, 2)), "critical": none.astype(bool)}
+    return Crowds(NAMES, clusters, of, arcs, np.zeros((2, 7)), len(steps))
 
 
 def found(*pieces):
-    return [(e.clusters, e.born, e.died) for e in episodes(together(pieces, NAMES), LIMIT, STEP, 1)]
+    episode, table = episodes(together(pieces, NAMES), LIMIT, STEP, 1)
+    clusters = [np.flatnonzero(episode == k).tolist() for k in range(len(table))]
+    return list(zip(clusters, table["born"], table["died"], strict=True))
 
 
 def plain(steps):

@@ -11,13 +11,13 @@ from drawn_trucks import T0, crossing, random_truck, rows, straight
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleetlog.analysis.consumption import consumption
 from fleetlog.analysis.near_misses import near_misses, time_to_contact
 from fleetlog.analysis.speeding import speeding
 from fleetlog.analysis.tariff import Tariff, costs, load_tariff
 from fleetlog.analysis.utilisation import STATES, intervals, quarters, row_states, utilisation
 from fleetlog.core.site import Frame, Site, Zone
 from fleetlog.errors import InputError
+from fleetlog.report.facts import consumption
 
 SQUARE = np.array([[0.0, -5.0], [30.0, -5.0], [30.0, 5.0], [0.0, 5.0]])
 

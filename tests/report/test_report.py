@@ -22,8 +22,7 @@ from fleetlog import report
 from fleetlog.cli.main import cli
 from fleetlog.core.site import Frame, Place, Site, Zone
 from fleetlog.errors import FleetlogError
-from fleetlog.report.comparison import truck_days
-from fleetlog.report.figures import BY_NAME, FIGURES, compare, holm
+from fleetlog.report.figures import BY_NAME, FIGURES, compare, holm, truck_days
 
 EVIL = '<script>alert("x")</script>&\'"]]>=1+1'
 

@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.analysis.clusters.crowds import Crowds
-from fleetlog.analysis.clusters.steps import DAY
-from fleetlog.analysis.clusters.tracking import Episode
+from fleetlog.analysis.clusters.steps import DAY, Crowds
 from fleetlog.core.network import Network
 from fleetlog.core.result import Series
 from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.simulate.places import touching
 
 BIN = 5.0  # Length of road that is counted as one place [m]
 
@@ -42,25 +41,20 @@ class Watched:
         return -(-(self.stop - self.start) // self.step) * self.seconds / 3600.0
 
 
-def samples(
-    c: Crowds, found: list[Episode], network: Network, free_speed: Floats, step: float
-) -> pd.DataFrame:
+def samples(c: Crowds, episode: Ints, network: Network, free_speed: Floats, step: float) -> pd.DataFrame:
     """One row for every truck and step inside an episode: episode, truck, time, edge, offset, place, delay.
 
-    ``place`` is a code, see :func:`places`; ``delay`` is dt (1 - v / v_free), clipped at 0 [s], where
-    ``free_speed`` (E,) is that of an undisturbed truck [m/s].
+    ``episode`` (C,) is that of a cluster, -1 for none.  ``place`` is a code, see :func:`places`; ``delay`` is
+    dt (1 - v / v_free), clipped at 0 [s], where ``free_speed`` (E,) is that of an undisturbed truck [m/s].
     """
-    cluster = np.array([k for e in found for k in e.clusters], dtype=np.int64)
-    number = np.repeat(np.arange(len(found)), [len(e.clusters) for e in found])
-    size = c.size[cluster]
-    begin = np.cumsum(size) - size
-    member = np.repeat(c.first[cluster] - begin, size) + np.arange(int(size.sum()))
-    edge, offset = c.edge[member], c.offset[member]
+    inside = np.flatnonzero(episode[c.owner] >= 0)
+    inside = inside[np.argsort(episode[c.owner[inside]], kind="stable")]
+    truck, edge, offset, speed = (c.members[n][inside] for n in ("truck", "edge", "offset", "speed"))
+    cluster = c.owner[inside]
     return pd.DataFrame({
-        "episode": np.repeat(number, size), "truck": c.truck[member],
-        "time": np.repeat(c.time[cluster], size),
+        "episode": episode[cluster], "truck": truck, "time": c.clusters["time"][cluster],
         "edge": edge, "offset": offset, "place": places(network, edge, offset),
-        "delay": step * np.clip(1.0 - c.speed[member] / free_speed[edge], 0.0, 1.0),
+        "delay": step * np.clip(1.0 - speed / free_speed[edge], 0.0, 1.0),
     })  # fmt: skip
 
 
@@ -84,7 +78,7 @@ def critical_areas(network: Network, s: pd.DataFrame, watched: Watched, seed: in
     hot = _carrying(*delay_by_place(s))
     edge = (hot // PLACES).astype(np.int32)
     xy = network.position(edge, np.minimum((hot % PLACES + 0.5) * BIN, network.length[edge]))[:, :2]
-    group = _connected(xy)
+    group = touching(xy / BIN)
     s = s[s["place"].isin(hot)]
     index = np.searchsorted(hot, s["place"])
     days = (watched.stop - 1 - watched.start) // DAY + 1
@@ -124,17 +118,6 @@ def _carrying(codes: Ints, delay: Floats) -> Ints:
     return np.sort(codes[order[:count]])
 
 
-def _connected(xy: Floats) -> Ints:
-    """Groups of places whose middles are not more than one and a half places apart."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(xy).query_pairs(1.5 * BIN, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(xy), len(xy)))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-
-
 def _resampled(area: Ints, unit: Ints, units: int, delay: Floats, seed: int) -> tuple[Floats, ...]:
     """90 % interval of every area's delay and its share of first ranks, over 500 resamples of all units."""
     table = np.zeros((units, int(area.max()) + 1))
@@ -156,22 +139,24 @@ def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> Ints:
     return np.where(near, areas.area.to_numpy()[best], 0)
 
 
-def timeline(c: Crowds, watched: Watched, found: list[Episode], area: Ints, dates: Sequence[str]) -> Series:
+def timeline(c: Crowds, watched: Watched, area: Ints, dates: Sequence[str]) -> Series:
     """Trucks in open episodes on the ``dates`` with data, by area of the first ones and elsewhere.
 
-    Of long recordings the most in each of ``MOST_POINTS`` intervals.
+    ``area`` (C,) is that of each cluster, 0 elsewhere, -1 for none.  Of long recordings the most in each of
+    ``MOST_POINTS`` intervals.
     """
     steps = -(-(watched.stop - watched.start) // watched.step)
     width = watched.step * max(1, -(-steps // MOST_POINTS))
     time = np.arange(watched.start, watched.stop, width, dtype=np.int64)
     seen = np.isin(time // DAY, np.array(dates, "datetime64[D]").astype(np.int64))
-    shown = np.where((area > 0) & (area <= SHOWN), area, 0).tolist()
+    shown = np.where(area > SHOWN, 0, area)
     curves: dict[str, Floats] = {}
-    for number in [*sorted({*shown} - {0}), 0]:
-        of = [k for e, a in zip(found, shown, strict=True) if a == number for k in e.clusters]
-        at, inverse = np.unique(c.time[of], return_inverse=True)
+    for number in [*np.unique(shown[shown > 0]).tolist(), 0]:
+        of = shown == number
+        at, inverse = np.unique(c.clusters["time"][of], return_inverse=True)
         curve = np.zeros(len(time))
-        np.maximum.at(curve, (at - watched.start) // width, np.bincount(inverse, c.size[of], len(at)))
-        if number or of or not curves:
+        trucks = np.bincount(inverse, c.clusters["size"][of], len(at))
+        np.maximum.at(curve, (at - watched.start) // width, trucks)
+        if number or of.any() or not curves:
             curves[f"area {number}" if number else "elsewhere"] = curve[seen]
     return Series("episodes", time[seen], curves, "time", "trucks", over_time=True)

@@ -1,7 +1,5 @@
 """Numba kernels of the density analysis."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -172,37 +170,3 @@ def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
         used += 1
     parent[max(ra, rb)] = min(ra, rb)
     return used
-
-
-@kernel()
-def resample_along(
-    time: Ints, edge: Index, offset: Floats, speed: Floats, masked: NDArray[np.bool_],
-    grid: Ints, max_gap: int, length: Floats, next_first: Index, next_edges: Index,
-    out_edge: Any, out_offset: Any, out_speed: Any, out_masked: Any,
-) -> None:  # fmt: skip
-    """Put one truck's rows on a common time grid (int64 us), linear along the route.
-
-    Nothing lies in a gap longer than ``max_gap``, but for the row at its start.
-    """
-    i, n = 0, len(time)
-    for g in range(len(grid)):
-        t = grid[g]
-        while i + 1 < n and time[i + 1] <= t:
-            i += 1
-        out_edge[g] = -1
-        gap = i + 1 >= n or time[i + 1] - time[i] > max_gap
-        if n == 0 or time[i] > t or (gap and t > time[i]):
-            continue
-        share = 0.0 if gap else (t - time[i]) / (time[i + 1] - time[i])
-        j = i if gap else i + 1
-        a, b = edge[i], edge[j]
-        k = i if share < 0.5 else j
-        e, s, m = edge[k], offset[k], masked[k]
-        if a == b and a >= 0:
-            e, s, m = a, offset[i] + share * (offset[j] - offset[i]), masked[i]
-        elif a >= 0 and b >= 0 and b in next_edges[next_first[a] : next_first[a + 1]]:
-            e, s, m = a, offset[i] + share * (length[a] - offset[i] + offset[j]), masked[i]
-            if s > length[a]:
-                e, s = b, s - length[a]
-        out_edge[g], out_offset[g], out_masked[g] = e, s, m
-        out_speed[g] = speed[i] + share * (speed[j] - speed[i])

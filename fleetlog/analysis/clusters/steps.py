@@ -10,9 +10,12 @@ closed under "a truck belongs to the cluster of any truck that it can reach with
 of two or more is critical where its mean speed is under the limit.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
@@ -21,7 +24,9 @@ from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
 Index = NDArray[np.int32]
+Columns = dict[str, NDArray[Any]]
 
+HALT = 1.39  # A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]
 DAY = 86_400_000_000
 MAX_GAP = 15_000_000  # A truck that has been silent for longer is absent [us]
 COLUMNS = ("edge_id", "edge_offset", "speed", "trip_id")
@@ -55,23 +60,44 @@ def standing_by(trajectory: Trajectory) -> NDArray[np.bool_]:
 
 def on_grid(dataset: Dataset, date: str, grid: Ints) -> Fleet:
     """The fleet at the times ``grid`` (T,) int64 us of one day, interpolated along the routes."""
-    from fleetlog.analysis.clusters.kernels import resample_along
-
-    network = dataset.site.roads()
     vehicles = tuple(v for v in dataset.vehicles if dataset.parts(v, date))
     shape = (len(grid), len(vehicles))
     edge, offset = np.full(shape, -1, np.int32), np.zeros(shape)
     speed, idle = np.zeros(shape), np.zeros(shape, np.bool_)
     for v, vehicle in enumerate(vehicles):
         t, arrived = _about(dataset, vehicle, date, int(grid[0]), int(grid[-1]))
-        a, b = np.searchsorted(grid, t.time[0]), np.searchsorted(grid, t.time[-1], side="right")
-        resample_along(
-            t.time, t.labels("edge_id").recode(network.index), np.nan_to_num(t.floats("edge_offset")),
-            np.nan_to_num(t.floats("speed")), arrived, grid[a:b], MAX_GAP,
-            network.length, network.next_first, network.next_edges,
-            edge[a:b, v], offset[a:b, v], speed[a:b, v], idle[a:b, v],
-        )  # fmt: skip
+        there = slice(*np.searchsorted(grid, [t.time[0], t.time[-1] + 1]))
+        found = along_route(t, arrived, grid[there], dataset.site.roads())
+        edge[there, v], offset[there, v], speed[there, v], idle[there, v] = found
     return Fleet(vehicles, grid, edge, offset, speed, idle)
+
+
+def along_route(
+    t: Trajectory, arrived: NDArray[np.bool_], grid: Ints, network: Network
+) -> tuple[Index, Floats, Floats, NDArray[np.bool_]]:
+    """(G,) edge, offset, speed and ``arrived`` at the times ``grid`` (G,) within a truck's rows.
+
+    Linear along the route from row to row; the edge is -1 in a gap longer than ``MAX_GAP``.
+    """
+    edge, length = t.labels("edge_id").recode(network.index), network.length
+    offset, speed = (np.nan_to_num(t.floats(c)) for c in ("edge_offset", "speed"))
+    i = np.searchsorted(t.time, grid, side="right") - 1
+    j = np.minimum(i + 1, len(t) - 1)
+    step, late = t.time[j] - t.time[i], grid - t.time[i]
+    j = np.where(step > MAX_GAP, i, j)
+    share = np.where(j > i, late / np.maximum(step, 1), 0.0)
+    a, b, k = edge[i], edge[j], np.where(share < 0.5, i, j)
+    arcs = np.repeat(np.arange(len(network)), np.diff(network.next_first)) * len(network) + network.next_edges
+    onward = (a >= 0) & (b >= 0) & (a != b) & np.isin(a.astype(np.int64) * len(network) + b, arcs)
+    same = (a == b) & (a >= 0)
+    way = np.where(onward, length[a] - offset[i] + offset[j], offset[j] - offset[i])
+    at = np.where(onward | same, offset[i] + share * way, offset[k])
+    over = onward & (at > length[a])
+    on = np.where(over, b, np.where(onward | same, a, edge[k]))
+    on = np.where((j == i) & (late > 0), np.int32(-1), on)
+    at = np.where(over, at - length[a], at)
+    masked = np.where(onward | same, arrived[i], arrived[k])
+    return on, at, speed[i] + share * (speed[j] - speed[i]), masked
 
 
 def _about(
@@ -82,20 +108,16 @@ def _about(
     A truck that stands in a jam at midnight has not arrived: the next day tells; and the steps at midnight
     lie between rows of two days.
     """
-    t = dataset.read(vehicle, date, COLUMNS)
-    if start < t.time[0] and len(before := _beside(dataset, vehicle, date, -1)):
-        t = concatenate([before[-1:], t])
+    before, today, after = (str(np.datetime64(date, "D") + k) for k in (-1, 0, 1))
+    t = dataset.read(vehicle, today, COLUMNS)
+    if start < t.time[0] and len(last := dataset.read(vehicle, before, COLUMNS)[-1:]):
+        t = concatenate([last, t])
     last_trip = t.time[np.searchsorted(t.trip_ids(), t.trip_ids()[-1])]
-    if stop >= min(last_trip, t.time[-1]) and len(after := _beside(dataset, vehicle, date, 1)):
-        t = concatenate([t, after])
+    if stop >= min(last_trip, t.time[-1]) and len(more := dataset.read(vehicle, after, COLUMNS)):
+        t = concatenate([t, more])
     a = max(int(np.searchsorted(t.time, start, side="right")) - 1, 0)
     b = int(np.searchsorted(t.time, stop)) + 1
     return t[a:b], standing_by(t)[a:b]
-
-
-def _beside(dataset: Dataset, vehicle: str, date: str, days: int) -> Trajectory:
-    """The rows of a vehicle on a day before or after."""
-    return dataset.read(vehicle, str(np.datetime64(date, "D") + days), COLUMNS)
 
 
 def distance_lists(network: Network, threshold: float) -> tuple[Ints, Index, Floats, Index]:
@@ -106,3 +128,122 @@ def distance_lists(network: Network, threshold: float) -> tuple[Ints, Index, Flo
         network.length, network.next_first, network.next_edges, float(threshold)
     )
     return lists
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a cluster is: driving distance within which trucks belong together [m], mean speed under which
+    it is critical [m/s], time step [us], and whether trucks that stand by count."""
+
+    threshold: float
+    limit: float
+    step: int
+    include_standing: bool
+
+
+@dataclass(frozen=True)
+class Crowds:
+    """Clusters of two and more trucks, in order of time, as columns of three tables.
+
+    Attributes
+    ----------
+    vehicles : names that ``truck`` numbers.
+    clusters : ``time`` [us], ``label`` (number at its step), ``size``, ``mean_speed`` [m/s], ``slow_share``.
+    members : ``truck``, ``edge``, ``offset`` [m], ``speed`` [m/s]; those of one cluster stand together.
+    arcs : between trucks: ``time`` [us], ``ends`` (A, 2, 2) m, ``critical``.
+    counts : (2, 7) see :func:`_counts`; without standing trucks and with them.
+    seen : rows of the time grid with a truck on the roads.
+    """
+
+    vehicles: tuple[str, ...]
+    clusters: Columns
+    members: Columns
+    arcs: Columns
+    counts: Floats
+    seen: int
+
+    @property
+    def owner(self) -> Ints:
+        """(M,) the cluster of each member."""
+        return np.repeat(np.arange(len(self.clusters["size"])), self.clusters["size"])
+
+
+def find_crowds(dataset: Dataset, date: str, start: int, stop: int, rule: Rule) -> Crowds:
+    """The clusters of one day from ``start`` to before ``stop`` (int64 us)."""
+    network = dataset.site.roads()
+    fleet = on_grid(dataset, date, np.arange(start, stop, rule.step, dtype=np.int64))
+    moving = np.where(fleet.standing_by, np.int32(-1), fleet.edge)
+    ways = [_clusters(fleet, edge, network, rule) for edge in (moving, fleet.edge)]
+    return replace(ways[rule.include_standing], counts=np.array([_counts(c, rule.limit) for c in ways]))
+
+
+def _clusters(fleet: Fleet, edge: Index, network: Network, rule: Rule) -> Crowds:
+    """Clusters at every step of the trucks that have an ``edge`` (T, V)."""
+    from fleetlog.analysis.clusters.kernels import cluster_steps
+
+    near = distance_lists(network, rule.threshold)
+    labels, arcs, arc_first = cluster_steps(edge, fleet.offset, network.length, *near, rule.threshold)
+    trucks = labels.shape[1]
+    row, truck = np.nonzero(labels >= 0)
+    cluster, speed = row * trucks + labels[row, truck], fleet.speed[row, truck]
+    size = np.bincount(cluster, minlength=labels.size)
+    each = np.maximum(size, 1)
+    mean, slow = (np.bincount(cluster, of, labels.size) / each for of in (speed, speed < HALT))
+    several = np.flatnonzero(size >= 2)
+    step, label = np.divmod(several, trucks)
+    # The members of a cluster stand together, in the order of the trucks.
+    order = np.argsort(cluster, kind="stable")
+    order = order[size[cluster[order]] >= 2]
+    row, truck = row[order], truck[order]
+    at = np.repeat(np.arange(len(arc_first) - 1), np.diff(arc_first))
+    ends = [network.position(fleet.edge[at, v], fleet.offset[at, v])[:, :2] for v in arcs.T]
+    critical = mean[at * trucks + labels[at, arcs[:, 0]]] < rule.limit
+    return Crowds(
+        fleet.vehicles,
+        {
+            "time": fleet.time[step], "label": label, "size": size[several], "mean_speed": mean[several],
+            "slow_share": slow[several],
+        },
+        {
+            "truck": truck, "edge": fleet.edge[row, truck], "offset": fleet.offset[row, truck],
+            "speed": speed[order],
+        },
+        {"time": fleet.time[at], "ends": np.stack(ends, axis=1), "critical": critical},
+        np.zeros((2, 7)), int((fleet.edge >= 0).any(axis=1).sum()),
+    )  # fmt: skip
+
+
+def _counts(c: Crowds, limit: float) -> tuple[float, ...]:
+    """Trucks in the largest cluster, how many clusters there are; of the critical ones how many, their
+    trucks, and sums of mean speed, median speed [m/s] and share of slow trucks."""
+    size, mean = c.clusters["size"], c.clusters["mean_speed"]
+    critical = mean < limit
+    medians = pd.Series(c.members["speed"]).groupby(c.owner).median().to_numpy()
+    sums = (of[critical].sum() for of in (critical, size, mean, medians, c.clusters["slow_share"]))
+    return (size.max(initial=0), len(size), *sums)
+
+
+def together(pieces: Sequence[Crowds], vehicles: Sequence[str]) -> Crowds:
+    """Pieces, in order of time, as one; trucks are numbered as in ``vehicles``."""
+    number = {v: k for k, v in enumerate(vehicles)}
+    own = [np.array([number[v] for v in p.vehicles], np.int64)[p.members["truck"]] for p in pieces]
+    members = _stacked([p.members for p in pieces]) | {"truck": np.concatenate(own)}
+    clusters, arcs = _stacked([p.clusters for p in pieces]), _stacked([p.arcs for p in pieces])
+    counts = np.array([p.counts for p in pieces])
+    total = np.hstack([counts[..., :1].max(axis=0), counts[..., 1:].sum(axis=0)])
+    return Crowds(tuple(vehicles), clusters, members, arcs, total, sum(p.seen for p in pieces))
+
+
+def _stacked(pieces: Sequence[Columns]) -> Columns:
+    return {name: np.concatenate([p[name] for p in pieces]) for name in pieces[0]}
+
+
+def as_figures(counts: Floats, step: float) -> dict[str, Any]:
+    """One row of the counts as a summary states them; ``step`` [s]."""
+    largest, several, critical, trucks, *sums = counts.tolist()
+    means = zip(("mean_speed_m_s", "median_speed_m_s", "slow_share"), sums, strict=True)
+    return {
+        "cluster_seconds": step * several, "critical_cluster_seconds": step * critical,
+        "critical_vehicle_seconds": step * trucks, "largest": int(largest),
+        **{f"critical_{name}": total / critical if critical else None for name, total in means},
+    }  # fmt: skip

@@ -14,6 +14,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.motion import Reconstruction
+from fleetlog.physics.motion.channels import measured_power
 from fleetlog.physics.power import Physics, battery_power, cell_power, ledger, term_forces
 
 HOUR = 3_600_000_000
@@ -50,23 +51,20 @@ def gathered(books: Sequence[Book], what: str) -> pd.DataFrame:
     return table.fillna({name: 0.0 for name in table.columns if name.startswith("J_")})
 
 
-def measured_power(trajectory: Trajectory) -> tuple[Floats, str]:
-    """(N,) power at the battery terminals [W], NaN where the log gives none, and where it comes from."""
+def _source(trajectory: Trajectory, known: NDArray[np.bool_]) -> str:
+    """What the measured energy of some trips is taken from."""
     if trajectory.has("battery_power"):
-        return trajectory.floats("battery_power"), "power"
-    if trajectory.has("battery_voltage") and trajectory.has("battery_current"):
-        volts, amperes = (trajectory.floats(f"battery_{c}") for c in ("voltage", "current"))
-        return volts * amperes, "voltage and current"
-    return np.full(len(trajectory), np.nan), "soc" if trajectory.has("soc") else "nothing"
+        return "power"
+    return "voltage and current" if known.any() else "soc" if trajectory.has("soc") else "nothing"
 
 
 def keep_book(
     trajectory: Trajectory, found: Reconstruction, physics: Physics, site: Site, battery: BatteryModel
 ) -> Book:
     """The sums of some trips of one vehicle from the motion ``found`` in them."""
-    measured, source = measured_power(trajectory)
-    fine, dt, known = found.motion, found.dt_row, np.isfinite(measured)
-    truck, metres, nothing = physics.actual_truck(), fine.speed * fine.dt, np.zeros(len(found.dt_row))
+    fine, dt, measured = found.motion, found.dt_row, measured_power(trajectory)
+    truck, metres, nothing = physics.actual_truck(), fine.speed * fine.dt, np.zeros(len(dt))
+    known = np.isfinite(measured)
     forces = term_forces(fine, physics)
     pieces = {name: watts * fine.dt for name, watts in ledger(fine, physics, forces).items()}
     joules = {f"J_{name}": found.rows(piece) for name, piece in pieces.items()}
@@ -92,35 +90,30 @@ def keep_book(
     doubt = found.window_variance(lambda m: battery_power(m, physics), (np.cumsum(new) - 1)[found.row])
     segments = {
         "vehicle_id": trajectory.vehicle_id, "trip_id": trip[starts], "hour": time[starts] // HOUR * HOUR,
-        **_reduced(joules | sums, starts), "motion_variance": doubt, "source": source,
+        **_reduced(joules | sums, starts), "motion_variance": doubt, "source": _source(trajectory, known),
         "peak": np.maximum.reduceat(total, starts), "soc_start": soc[starts], "soc_end": soc[ends],
         "start": time[starts], "end": time[ends],
         **_cells(starts, total, dt, soc, trajectory.floats("ambient_temperature"), battery),
     }  # fmt: skip
     bins = np.flatnonzero(np.append(True, np.diff(time // BIN) != 0))
     over_time = _reduced(joules | compared | {"known": known * dt}, bins)
-    stretches = _by_stretch(fine, sum(pieces.values(), np.zeros(len(fine))))
+    stretches = _by_stretch(fine, sum(pieces.values(), np.zeros(len(fine))), metres)
     inside = [zone.contains(fine.x, fine.y) for zone in site.zones]
-    per_sample = {f"J_{name}": piece for name, piece in pieces.items()} | {
-        "metres": metres,
-        "seconds": fine.dt,
-    }
-    zones = {name: np.array([row[z].sum() for z in inside]) for name, row in per_sample.items()}
-    return Book(
-        segments, stretches, {"zone": np.arange(len(inside)), **zones},
-        {"time": time[bins] // BIN * BIN, **over_time},
-    )  # fmt: skip
+    samples = {f"J_{name}": piece for name, piece in pieces.items()} | {"metres": metres, "seconds": fine.dt}
+    zones = {name: np.array([row[z].sum() for z in inside]) for name, row in samples.items()}
+    zones["zone"] = np.arange(len(inside))
+    return Book(segments, stretches, zones, {"time": time[bins] // BIN * BIN, **over_time})
 
 
-def _by_stretch(motion: Motion, joules: Floats) -> Columns:
+def _by_stretch(motion: Motion, joules: Floats, metres: Floats) -> Columns:
     """Joules and metres on every stretch of directed edge that was driven."""
     on = np.flatnonzero((motion.edge >= 0) & (motion.speed > 0.0))
     number = (np.maximum(motion.edge_offset[on], 0.0) / STRETCH).astype(np.int64)
     most = int(number.max(initial=0)) + 1
     key, inverse = np.unique(motion.edge[on] * most + number, return_inverse=True)
-    metres = (motion.speed * motion.dt)[on]
-    sums = {n: np.bincount(inverse, w, len(key)) for n, w in (("joules", joules[on]), ("metres", metres))}
-    return {"edge": (key // most).astype(np.int32), "number": (key % most).astype(np.int32), **sums}
+    edge, number = (part.astype(np.int32) for part in np.divmod(key, most))
+    sums = (np.bincount(inverse, of[on], len(key)) for of in (joules, metres))
+    return dict(zip(("edge", "number", "joules", "metres"), (edge, number, *sums), strict=True))
 
 
 def _reduced(rows: dict[str, Floats], starts: NDArray[np.intp]) -> Columns:
@@ -139,11 +132,10 @@ def _cells(
     """
     rows = []
     for a, b in itertools.pairwise([*starts.tolist(), len(power)]):
-        known = np.isfinite(soc[a])
         warm = temperature[a:b][np.isfinite(temperature[a:b])]
         mean = float(warm.mean()) if len(warm) else float("nan")
-        done = discharge(power[a:b], dt[a:b], battery, float(soc[a]) if known else 1.0, mean)
-        end = done.soc[-1] if known else np.nan
+        done = discharge(power[a:b], dt[a:b], battery, float(np.nan_to_num(soc[a], nan=1.0)), mean)
+        end = done.soc[-1] + 0.0 * soc[a]
         rows.append((end, done.voltage.min(), done.collapsed @ dt[a:b], done.empty @ dt[a:b]))
     names = ("soc_end_model", "lowest", "collapsed", "empty")
     return dict(zip(names, np.array(rows, dtype=np.float64).T, strict=True))

@@ -95,26 +95,18 @@ class Patch:
 
 def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
     """One quantity from summed layers, NaN where nothing was; times and energies by ``area`` [m2]."""
-    time, metres, _, standing, passages, _ = layers
-    if quantity == "passages":
-        per = passages
-    elif quantity == "speed":
-        per = metres / np.where(time > 0, time, np.nan)
-    elif quantity == "energy":
-        per = known_energy(layers) / area / 1000.0
-    else:
-        per = (time if quantity == "occupancy" else standing) / area
-    return np.asarray(np.where(time > 0, per, np.nan), dtype=np.float64)
+    of, there = by_name(layers), layers[0] > 0
+    per = {
+        "passages": of["passages"], "standing": of["standing"] / area, "occupancy": of["time"] / area,
+        "energy": of["energy"] / area / 1000.0, "speed": of["distance"] / np.where(there, of["time"], np.nan),
+    }  # fmt: skip
+    return np.asarray(np.where(there, per[quantity], np.nan), dtype=np.float64)
 
 
 def by_name(layers: Floats) -> dict[str, Floats]:
-    """The layers by name; energy is NaN where no power was known."""
-    return {**dict(zip(LAYERS, layers, strict=True)), "energy": known_energy(layers)}
-
-
-def known_energy(layers: Floats) -> Floats:
-    """The energy layer [J]; NaN where no power was known."""
-    return np.asarray(np.where(layers[5] > 0, layers[2], np.nan), dtype=np.float64)
+    """The layers by name; energy [J] is NaN where no power was known."""
+    named = dict(zip(LAYERS, layers, strict=True))
+    return named | {"energy": np.where(named["energy_time"] > 0, named["energy"], np.nan)}
 
 
 def cells_of(extents: list[Box], cell: float) -> Cells:
@@ -139,10 +131,12 @@ def extent(dataset: Dataset) -> Box:
 
 def _box(dataset: Dataset, vehicle: str, date: str) -> Box | None:
     """The extent of the positions of one vehicle-day."""
-    x, y = (dataset.read(vehicle, date, ("x", "y")).floats(c) for c in ("x", "y"))
-    if not np.isfinite(x).any():
+    t = dataset.read(vehicle, date, ("x", "y"))
+    at = np.stack([t.floats("x"), t.floats("y")])
+    if not np.isfinite(at[0]).any():
         return None
-    return float(np.nanmin(x)), float(np.nanmin(y)), float(np.nanmax(x)), float(np.nanmax(y))
+    low, high = np.nanmin(at, axis=1), np.nanmax(at, axis=1)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
 def stretches(network: Network | None) -> Ints:
@@ -196,9 +190,9 @@ def _patches(
     t, box = dataset.read(vehicle, date, COLUMNS), _box(dataset, vehicle, date)
     if box is None:
         return {}
-    use, network = select(t, hours, state), dataset.site.network
-    groups = ((name, use & mine) for name, mine in _groups(t, by))
-    return {name: _patch(t, rows, cells_of([box], cell), network) for name, rows in groups if rows.any()}
+    use, cells = select(t, hours, state), cells_of([box], cell)
+    groups = {name: use & mine for name, mine in _groups(t, by).items()}
+    return {name: _patch(t, rows, cells, dataset.site.network) for name, rows in groups.items() if rows.any()}
 
 
 def _patch(t: Trajectory, use: NDArray[np.bool_], c: Cells, network: Network | None) -> Patch:
@@ -217,12 +211,12 @@ def _patch(t: Trajectory, use: NDArray[np.bool_], c: Cells, network: Network | N
     return Patch(row + origin[0], column + origin[1], grid[:, row, column], driven, edges[:, driven])
 
 
-def _groups(t: Trajectory, by: Grouping | None) -> list[tuple[str, NDArray[np.bool_]]]:
+def _groups(t: Trajectory, by: Grouping | None) -> dict[str, NDArray[np.bool_]]:
     """The groups of a vehicle-day and the rows (N,) of each."""
     if by == "hour":
         hour = t.time // HOUR % 24
-        return [(f"hour_{h:02d}", hour == h) for h in np.unique(hour).tolist()]
+        return {f"hour_{h:02d}": hour == h for h in np.unique(hour).tolist()}
     if by == "load":
         laden, empty = select(t, None, "laden"), select(t, None, "empty")
-        return [("laden", laden), ("empty", empty), ("load_unknown", ~(laden | empty))]
-    return [(t.vehicle_id if by == "vehicle" else "all", np.ones(len(t), np.bool_))]
+        return {"laden": laden, "empty": empty, "load_unknown": ~(laden | empty)}
+    return {t.vehicle_id if by == "vehicle" else "all": np.ones(len(t), np.bool_)}

@@ -1,6 +1,6 @@
 """A charging plan tried out in the simulator: the same tasks with present and with planned chargers."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,24 +8,13 @@ import pandas as pd
 
 from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.engine import DEFAULT_START, Settings
+from fleetlog.simulate.engine import Settings
 from fleetlog.simulate.limits import Summary
 from fleetlog.simulate.scenario import Scenario
 from fleetlog.store import Dataset
 
 
-@dataclass(frozen=True)
-class Trial:
-    """How a plan is tried: trucks, seconds, seed and the state of charge at the start."""
-
-    truck: Truck
-    vehicles: int
-    duration: float = 8 * 3600.0
-    seed: int = 0
-    soc: float = 0.6
-
-
-def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, Any]:
+def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Settings) -> dict[str, Any]:
     """Simulate ``before`` (the site's own chargers) and ``after`` (``sites``: x, y, plugs), all else equal.
 
     Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads,
@@ -34,29 +23,26 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, A
     """
     from fleetlog.simulate.demand import like
 
-    start = DEFAULT_START
     if dataset.kind == "recorded":
-        start = int(np.datetime64(str(dataset.meta["start"]).rstrip("Z"), "us").astype(np.int64))
+        start = np.datetime64(str(dataset.meta["start"]).rstrip("Z"), "us").astype(np.int64)
+        settings = replace(settings, start=int(start))
     own = {p.id for p in dataset.site.places}
-    site, demand, notes = like(
-        dataset, dataset.site, trial.truck, trial.vehicles, start, trial.duration, trial.seed
-    )
+    of = settings.vehicles, settings.start, settings.duration, settings.seed
+    site, demand, notes = like(dataset, dataset.site, truck, *of)
     mined = frozenset(p.id for p in site.places) - own
     planned = with_chargers(site, sites)
     new = frozenset(p.id for p in planned.places if p.kind == "charge")
-    settings = Settings(trial.vehicles, trial.duration, start=start, seed=trial.seed, soc=trial.soc)
-    present = Scenario(site, trial.truck, settings, demand, mined=mined)
+    present = Scenario(site, truck, settings, demand, mined=mined)
     both = {"before": present, "after": replace(present, site=planned, mined=mined | new)}
     out: dict[str, Any] = {
-        "vehicles": trial.vehicles, "hours": trial.duration / 3600.0, "seed": trial.seed,
-        "soc_start": trial.soc,
+        "vehicles": settings.vehicles, "hours": settings.duration / 3600.0, "seed": settings.seed,
+        "soc_start": settings.soc,
     }  # fmt: skip
     for name, scenario in both.items():
         chargers = [p for p in scenario.site.places if p.kind == "charge"]
         plugs = sum(1 if p.id in scenario.mined else max(p.plugs, 1) for p in chargers)
         out[name] = _compared(scenario.run(), plugs)
-    out["notes"] = notes
-    return out
+    return out | {"notes": notes}
 
 
 def with_chargers(site: Site, sites: pd.DataFrame) -> Site:

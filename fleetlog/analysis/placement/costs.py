@@ -3,8 +3,9 @@
 from typing import Literal
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
 
-from fleetlog.analysis.placement.ranks import vertex_distances
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Floats
 from fleetlog.core.truck import Truck
@@ -53,3 +54,18 @@ def edge_energies(network: Network, truck: Truck) -> Floats:
     motion = Motion.of(len(edge), speed=speed, dt=size / speed, slope=slope, edge=edge, edge_offset=offset)
     watts = battery_power(motion, Physics(truck))
     return np.maximum(np.bincount(edge, watts * motion.dt, len(network)), 0.0) / 3600.0
+
+
+def vertex_distances(network: Network, weight: Floats | None = None) -> Floats:
+    """(n, n) shortest driving distance from vertex i (row) to vertex j (column); inf where there is no way.
+
+    ``weight`` (E,) replaces length: seconds or joules an edge.
+    """
+    w = network.length if weight is None else weight
+    n = len(network.node_ids)
+    # Of parallel edges the shortest counts; a sparse constructor would add them up.
+    order = np.lexsort((w, network.end, network.start))
+    s, e = network.start[order], network.end[order]
+    keep = np.r_[True, (np.diff(s) != 0) | (np.diff(e) != 0)]
+    graph = sparse.csr_array((np.maximum(w[order][keep], 1e-9), (s[keep], e[keep])), shape=(n, n))
+    return np.asarray(dijkstra(graph))

@@ -1,13 +1,15 @@
 """One question about sites, and the steps of its answer: share, rank, demand, choice, stability."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from fleetlog.analysis.placement.costs import Metric
+from fleetlog.analysis.placement.costs import Metric, vertex_distances
 from fleetlog.analysis.placement.demand import Unit
-from fleetlog.analysis.placement.ranks import flow_counts, rank, vertex_distances, visit_share, vote_scores
+from fleetlog.analysis.placement.ranks import flow_counts, rank, visit_share, vote_scores
 from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Floats, Ints
@@ -43,6 +45,11 @@ class Question:
     must: Ints
     must_not: Ints
     capacity: float | None = None
+
+    def nearest(self, sites: Ints, weight: Floats) -> Floats:
+        """(k,) sums of a ``weight`` (n,) over the vertices to which each site is the nearest."""
+        to = self.cost[:, sites].argmin(axis=1)
+        return np.bincount(to, weight, len(sites)).astype(float)
 
 
 @dataclass(frozen=True)
@@ -84,46 +91,31 @@ def total(units: list[Unit], what: str) -> Floats:
 
 
 def choose(w: Weighed, q: Question) -> Choice:
-    """At most k sites; a site that no demand would use and nobody asked for is left out."""
-    if q.method == "pmedian":
-        found = p_median(w.weight, q.cost, q.k, q.must, q.must_not, capacity=q.capacity)
-        return _without_idle(found, w.weight, q)
-    if len(q.must) or len(q.must_not) or q.capacity is not None:
+    """At most k sites; of a p-median one that no demand would use and nobody asked for is left out."""
+    if q.method != "pmedian" and (len(q.must) or len(q.must_not) or q.capacity is not None):
         raise DataError("forced and forbidden sites and capacities need the method pmedian")
-    if q.method == "topk":
-        return top_k(w.ranks, q.k)
     metres = vertex_distances(q.network)
-    if q.method == "spaced":
-        return spaced(w.ranks, metres, q.k, q.spacing)
-    return cover(w.weight, metres, q.k, q.radius)
-
-
-def _without_idle(choice: Choice, weight: Floats, q: Question) -> Choice:
-    to = q.cost[:, choice.sites].argmin(axis=1)
-    nearest = np.bincount(to, weights=weight, minlength=len(choice.sites))
-    served = np.asarray(nearest if choice.served is None else choice.served, dtype=np.float64)
-    keep = (served > 0) | np.isin(choice.sites, q.must)
-    kept = None if choice.served is None else choice.served[keep]
-    return Choice(choice.sites[keep], choice.objective, choice.gap, kept)
+    methods: dict[Method, Callable[[], Choice]] = {
+        "pmedian": lambda: p_median(w.weight, q.cost, q.k, q.must, q.must_not, q.capacity),
+        "topk": lambda: top_k(w.ranks, q.k),
+        "spaced": lambda: spaced(w.ranks, metres, q.k, q.spacing),
+        "cover": lambda: cover(w.weight, metres, q.k, q.radius),
+    }
+    found = methods[q.method]()
+    served = found.served if len(found.served) else q.nearest(found.sites, w.weight) / w.weight.sum()
+    keep = (served > 0) | np.isin(found.sites, q.must) | (q.method != "pmedian")
+    return replace(found, sites=found.sites[keep], served=served[keep])
 
 
 def stability(units: list[Unit], choice: Choice, q: Question) -> dict[str, Any]:
     """How many of the sites stay when a whole day is left out, or a truck of fewer than three days."""
-    days = sorted({u.day for u in units})
-    by_day = len(days) >= 3
-    keys: list[Any] = list(days) if by_day else sorted({u.vehicle for u in units})
+    by = "day" if len({u.day for u in units}) >= 3 else "vehicle"
     kept = []
-    for key in keys[:MAX_LEFT_OUT]:
-        rest = [u for u in units if (u.day if by_day else u.vehicle) != key]
-        if not any(u.visits for u in rest):
-            continue
-        try:
-            again = choose(weigh(rest, q), q)
-        except DataError:
-            continue
-        kept.append(len(np.intersect1d(again.sites, choice.sites)) / max(len(choice.sites), 1))
+    for key in sorted({getattr(u, by) for u in units})[:MAX_LEFT_OUT]:
+        rest = [u for u in units if getattr(u, by) != key]
+        if any(u.visits for u in rest):
+            with suppress(DataError):  # nothing of the kind is left
+                again = choose(weigh(rest, q), q).sites
+                kept.append(len(np.intersect1d(again, choice.sites)) / max(len(choice.sites), 1))
     mean, worst = (float(np.mean(kept)), float(np.min(kept))) if kept else (None, None)
-    return {
-        "left_out": "day" if by_day else "vehicle", "runs": len(kept), "mean_kept_share": mean,
-        "worst_kept_share": worst,
-    }  # fmt: skip
+    return {"left_out": by, "runs": len(kept), "mean_kept_share": mean, "worst_kept_share": worst}

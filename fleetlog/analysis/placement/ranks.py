@@ -11,29 +11,23 @@ matrix *is* the share of visits, and with v equal to that share it is so for eve
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Floats, Ints
 
-ALPHA = 0.85  # The usual damping of PageRank
 
-
-def link_matrix(counts: sparse.csr_array) -> tuple[sparse.csc_array, NDArray[np.bool_]]:
-    """Column-stochastic M (n, n) from move counts C (row: from), and which vertices (n,) are dangling."""
+def link_matrix(counts: sparse.csr_array) -> sparse.csc_array:
+    """Column-stochastic M (n, n) from move counts C (row: from); a column of a dangling vertex is 0."""
     out = np.asarray(counts.sum(axis=1)).ravel()
-    scale = sparse.diags_array(np.where(out > 0, 1.0 / np.where(out > 0, out, 1.0), 0.0))
-    return sparse.csc_array((scale @ counts).T), out == 0
+    return sparse.csc_array((sparse.diags_array(1.0 / np.where(out > 0, out, np.inf)) @ counts).T)
 
 
-def rank(counts: sparse.csr_array, alpha: float = ALPHA, teleport: Floats | None = None) -> Floats:
+def rank(counts: sparse.csr_array, alpha: float = 0.85, teleport: Floats | None = None) -> Floats:
     """(n,) rank of every vertex, sum 1; solved directly, exact to rounding."""
     n = counts.shape[0]
     v = np.full(n, 1.0 / n) if teleport is None else np.asarray(teleport, float) / np.sum(teleport)
-    m, _ = link_matrix(counts)
     # (I - alpha M) r = beta v, whatever mass the dangling vertices send along v: a scaling of one solution.
-    system = sparse.csc_array(sparse.eye_array(n) - alpha * m)
+    system = sparse.csc_array(sparse.eye_array(n) - alpha * link_matrix(counts))
     r = np.asarray(sparse.linalg.spsolve(system, v), dtype=np.float64)
     return np.asarray(r / r.sum(), dtype=np.float64)
 
@@ -56,20 +50,3 @@ def vote_scores(share: Floats, distance: Floats, length: float) -> Floats:
     """(n,) one-shot votes: every visit to i splits one vote over sites j by exp(-D_ij / length)."""
     phi = np.exp(-distance / length)
     return np.asarray((phi / phi.sum(axis=1, keepdims=True)).T @ share)
-
-
-def vertex_distances(network: Network, weight: Floats | None = None) -> Floats:
-    """(n, n) shortest driving distance from vertex i (row) to vertex j (column); inf where there is no way.
-
-    ``weight`` (E,) replaces length: seconds or joules an edge.
-    """
-    from scipy.sparse.csgraph import dijkstra
-
-    w = network.length if weight is None else weight
-    n = len(network.node_ids)
-    # Of parallel edges the shortest counts; a sparse constructor would add them up.
-    order = np.lexsort((w, network.end, network.start))
-    s, e = network.start[order], network.end[order]
-    keep = np.r_[True, (np.diff(s) != 0) | (np.diff(e) != 0)]
-    graph = sparse.csr_array((np.maximum(w[order][keep], 1e-9), (s[keep], e[keep])), shape=(n, n))
-    return np.asarray(dijkstra(graph))

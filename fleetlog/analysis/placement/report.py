@@ -27,8 +27,8 @@ def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
     order = np.argsort(d)
     cumulated = np.cumsum(w[order])
     p95 = d[order][min(int(np.searchsorted(cumulated, 0.95 * cumulated[-1])), len(d) - 1)]
-    unreachable = float(1 - w.sum() / weight.sum())
-    return {"mean": float(np.average(d, weights=w)), "p95": float(p95), "unreachable_share": unreachable}
+    mean, unreachable = np.average(d, weights=w), 1 - w.sum() / weight.sum()
+    return {"mean": float(mean), "p95": float(p95), "unreachable_share": float(unreachable)}
 
 
 def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dict[str, Any]:
@@ -62,12 +62,9 @@ def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dic
 
 def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd.DataFrame:
     """One row a site: where, what it serves, how many trucks want a plug there at once."""
-    sites = choice.sites
+    sites, served = choice.sites, choice.served
+    hours = q.nearest(sites, total(units, "urgent")) / 3600
     to = q.cost[:, sites].argmin(axis=1)
-    served = choice.served
-    if served is None:
-        served = np.bincount(to, weights=w.weight, minlength=len(sites)) / w.weight.sum()
-    hours = np.bincount(to, weights=total(units, "urgent"), minlength=len(sites)) / 3600
     # The most trucks that stood in need of charge at once nearest to each site; one at least.
     spells = [s for u in units for s in u.spells if s[0] >= 0]
     plugs = np.array([max(1, peak(s for s in spells if to[s[0]] == k)) for k in range(len(sites))])
@@ -92,18 +89,17 @@ def vertex_table(network: Network, w: Weighed) -> pd.DataFrame:
 def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     """The answer for the terminal."""
     unit, r, b, st = s["unit"], s["reach"], s["baselines"], s["stability"]
-    rows: list[Any] = list(sites.itertuples())
     loading = s["demand"] == "loading"
-    plugs = {row.site: "" if loading else count(row.plugs, "plug") for row in rows}
-    new = [row for row in rows if not row.existing]
-    where = [row.vertex if loading else f"{row.vertex} ({plugs[row.site]})" for row in new[:MOST]]
+    need = ["" if loading else count(n, "plug") for n in sites["plugs"]]
+    rows: list[Any] = list(sites.assign(need=need).itertuples())
+    new = [row.vertex if loading else f"{row.vertex} ({row.need})" for row in rows if not row.existing]
     more = [count(len(new) - MOST, "more place")] if len(new) > MOST else []
     what = "Place pick and drop spots" if loading else "Install chargers"
-    out = [f"{what} at {listed([*where, *more])}."] if new else []
-    out += [f"Keep {row.existing} ({plugs[row.site]} needed)." for row in rows if row.existing]
+    out = [f"{what} at {listed([*new[:MOST], *more])}."] if new else []
+    out += [f"Keep {row.existing} ({row.need} needed)." for row in rows if row.existing]
     out += [
         f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)} of "
-        f"the demand{'' if loading else ', '}{plugs[row.site]}"
+        f"the demand{'' if loading else ', '}{row.need}"
         for row in rows
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
@@ -125,15 +121,15 @@ def _check_lines(c: dict[str, Any]) -> list[str]:
     time = f"{c['hours']:g} h" if c["hours"] >= 1.0 else f"{60.0 * c['hours']:.0f} min"
     more = after["tasks_done"] - before["tasks_done"]
     tasks = f"{count(abs(more), 'task')} {'more' if more > 0 else 'fewer'}" if more else "as many tasks"
-    answer = (
+    return [
         f"With the planned chargers the fleet does {tasks} and ends with {percent(after['soc_end_mean'])} "
         f"charge instead of {percent(before['soc_end_mean'])} (simulated: {count(c['vehicles'], 'truck')}, "
-        f"{time}, from {percent(c['soc_start'])})."
-    )
-    return [answer] + [
-        f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
-        f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
-        f"{r['waiting_for_plug_h']:.1f} h waiting for a plug; {count(r['empty_trucks'], 'truck')} empty; "
-        f"{r['tasks_done']} of {count(r['tasks_given'], 'task')} done"
-        for r, name in ((before, "present"), (after, "planned"))
+        f"{time}, from {percent(c['soc_start'])}).",
+        *(
+            f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
+            f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
+            f"{r['waiting_for_plug_h']:.1f} h waiting for a plug; {count(r['empty_trucks'], 'truck')} empty; "
+            f"{r['tasks_done']} of {count(r['tasks_given'], 'task')} done"
+            for r, name in ((before, "present"), (after, "planned"))
+        ),
     ]

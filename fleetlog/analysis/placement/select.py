@@ -4,12 +4,14 @@ All distances are from demand (row) to site (column), since trucks drive towards
 smallest vertex number.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.optimize import Bounds, LinearConstraint, milp
 
 from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.core.words import percent
@@ -24,15 +26,13 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True)
 class Choice:
-    """The sites, what they achieve, and the proven gap to the best possible (0: optimal).
-
-    ``served`` (k,) is the share of demand at each site where capacities send some of it past the nearest one.
-    """
+    """The sites, what they achieve, the proven gap to the best possible (0: optimal), and the share of the
+    demand that each site serves (k,): empty where that is what it is the nearest to."""
 
     sites: Ints
     objective: float
     gap: float
-    served: Floats | None = None
+    served: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 def top_k(rank: Floats, k: int) -> Choice:
@@ -42,8 +42,8 @@ def top_k(rank: Floats, k: int) -> Choice:
 
 
 def p_median(
-    weight: Floats, distance: Floats, k: int, forced: Ints | None = None, forbidden: Ints | None = None,
-    seed: int = 0, capacity: float | None = None,
+    weight: Floats, distance: Floats, k: int, forced: Sequence[int] | Ints = (),
+    forbidden: Sequence[int] | Ints = (), capacity: float | None = None,
 ) -> Choice:  # fmt: skip
     """Sites (columns) that minimise the weighted distance from demand (rows, ``weight`` (m,)) to the nearest.
 
@@ -53,29 +53,26 @@ def p_median(
     """
     from fleetlog.analysis.placement.kernels import lagrangian
 
-    n = distance.shape[1]
-    forced = np.zeros(0, np.int64) if forced is None else np.asarray(forced, np.int64)
-    open_ = np.ones(n, np.bool_)
-    open_[np.zeros(0, np.int64) if forbidden is None else forbidden] = False
-    open_[forced] = True
-    k = min(k, int(open_.sum()))
+    every = np.arange(distance.shape[1])
+    candidates = np.flatnonzero(~np.isin(every, forbidden) | np.isin(every, forced))
+    k, must = min(k, len(candidates)), np.isin(candidates, forced)
     if k < max(1, len(forced)):
         raise DataError(f"{k} sites cannot hold {len(forced)} forced ones", do="raise -k or force fewer")
-    candidates = np.flatnonzero(open_)
     total = max(float(weight.sum()), 1e-300)
     cost = np.ascontiguousarray((weight[:, None] * finite(distance))[weight > 0][:, candidates] / total)
-    is_forced = np.isin(candidates, forced)
     if capacity is not None and capacity < 1.0:
-        return _capacitated(cost, weight[weight > 0] / total, candidates, k, is_forced, capacity)
-    fixed, free = np.flatnonzero(is_forced), np.flatnonzero(~is_forced)
-    rng = np.random.default_rng(seed)
+        return _capacitated(cost, weight[weight > 0] / total, candidates, k, must, capacity)
+    fixed, free = np.flatnonzero(must), np.flatnonzero(~must)
+    rng = np.random.default_rng(0)
     drawn = (rng.choice(free, k - len(fixed), replace=False) for _ in range(STARTS - 1))
     starts = (np.concatenate([fixed, rest]).astype(np.int64) for rest in (greedy(cost, fixed, k), *drawn))
-    found = [interchange(cost, start, is_forced) for start in starts]
+    found = [interchange(cost, start, must) for start in starts]
     chosen, value = min(found, key=lambda f: (round(f[1], 12), tuple(f[0])))
-    bound = lagrangian(np.ascontiguousarray(cost.T), k, is_forced, value, 3000, 1e-9)
+    start = np.median(cost, axis=1) * 0.5 + np.min(cost, axis=1) * 0.5
+    bound = lagrangian(np.ascontiguousarray(cost.T), start, k, must, value, 3000, 1e-9)
     if value - bound > 1e-9 * max(value, 1e-300) and cost.size <= EXACT_CELLS:
-        value, chosen = _exact(cost, k, is_forced)
+        result = _program(cost, k, must)
+        chosen, value = np.flatnonzero(result.x[: len(candidates)] > 0.5), float(result.fun)
         bound = value
     gap = max(0.0, (value - bound) / value) if value > 0 else 0.0
     return Choice(candidates[chosen], float(value), gap if gap > 1e-9 else 0.0)
@@ -124,17 +121,10 @@ def interchange(cost: Floats, sites: Ints, fixed: NDArray[np.bool_]) -> tuple[In
     return np.sort(chosen), float(np.cumsum(cost[:, chosen].min(axis=1))[-1])
 
 
-def _exact(cost: Floats, k: int, forced: NDArray[np.bool_]) -> tuple[float, Ints]:
-    """The p-median as a mixed-integer program: y_ij <= x_j, sum_j y_ij = 1, sum x <= k; only x is integer."""
-    result = _program(cost, k, forced)
-    sites = np.flatnonzero(result.x[: cost.shape[1]] > 0.5)
-    return float(result.fun), sites.astype(np.int64)
-
-
 def _capacitated(
     cost: Floats, share: Floats, candidates: Ints, k: int, forced: NDArray[np.bool_], capacity: float
 ) -> Choice:
-    """The same with sum_i w_i y_ij <= capacity x_j."""
+    """The p-median of which no site serves more than ``capacity``."""
     m, n = cost.shape
     raise_it = "raise --capacity or -k"
     if k * capacity < 1.0 - 1e-9:
@@ -153,51 +143,47 @@ def _capacitated(
 def _program(
     cost: Floats, k: int, forced: NDArray[np.bool_], share: Floats | None = None, capacity: float = 1.0
 ) -> Any:
-    """HiGHS on x (n,) then y (m n,); the result of :func:`scipy.optimize.milp`."""
+    """The p-median by HiGHS on x (n,), integer, then y (m n,): y_ij <= x_j, sum_j y_ij = 1, sum x <= k.
+
+    With the ``share`` (m,) of each demand also sum_i share_i y_ij <= capacity x_j.
+    """
     m, n = cost.shape
     i, j = (a.ravel() for a in np.mgrid[0:m, 0:n])
     row, site, width = np.arange(m * n), np.arange(n), n + m * n
     y = n + row
     link = _sparse(np.r_[np.ones(m * n), -np.ones(m * n)], np.r_[row, row], np.r_[y, j], width)
     rules = [
-        (link, -np.inf, 0.0), (_sparse(np.ones(m * n), i, y, width), 1.0, 1.0),
-        (_sparse(np.ones(n), np.zeros(n, int), site, width), 0.0, float(k)),
-    ]  # fmt: skip
+        LinearConstraint(link, -np.inf, 0.0),
+        LinearConstraint(_sparse(np.ones(m * n), i, y, width), 1.0, 1.0),
+        LinearConstraint(_sparse(np.ones(n), np.zeros(n, int), site, width), 0.0, float(k)),
+    ]
     if share is not None:
         entries = np.r_[share[i], np.full(n, -capacity)]
-        rules.append((_sparse(entries, np.r_[j, site], np.r_[y, site], width), -np.inf, 0.0))
+        full = _sparse(entries, np.r_[j, site], np.r_[y, site], width)
+        rules.append(LinearConstraint(full, -np.inf, 0.0))
     whole = np.arange(width) < n
-    low = np.where(whole, np.resize(forced, width), 0.0)
-    return _highs(np.r_[np.zeros(n), cost.ravel()], rules, whole, low, time_limit=PATIENCE)
+    low = Bounds(np.where(whole, np.resize(forced, width), 0.0), 1)
+    cost = np.r_[np.zeros(n), cost.ravel()]
+    return milp(cost, constraints=rules, integrality=whole, bounds=low, options={"time_limit": PATIENCE})
 
 
 def _sparse(values: Floats, row: Ints, column: Ints, width: int) -> sparse.csr_array:
     return sparse.csr_array((values, (row, column)), shape=(int(row.max()) + 1, width))
 
 
-def _highs(
-    cost: Floats, rules: list[tuple[Any, float, float]], whole: NDArray[np.bool_], low: Any, **options: float
-) -> Any:
-    """Minimise ``cost`` x with x from ``low`` to 1, integer where ``whole``, and low <= A x <= high each."""
-    from scipy.optimize import Bounds, LinearConstraint, milp
-
-    constraints = [LinearConstraint(*rule) for rule in rules]
-    return milp(
-        cost, constraints=constraints, integrality=whole.astype(int), bounds=Bounds(low, 1), options=options
-    )
-
-
 def spaced(rank: Floats, distance: Floats, k: int, spacing: float) -> Choice:
     """max sum r_j x_j with at most k sites, no two nearer than ``spacing`` in either direction (HiGHS)."""
     n = len(rank)
     a, b = np.nonzero(np.triu(np.minimum(distance, distance.T) < spacing, 1))
-    rules: list[tuple[Any, float, float]] = [(np.ones((1, n)), 0.0, k)]
+    rules = [LinearConstraint(np.ones((1, n)), 0.0, k)]
     if len(a):
         pair = np.arange(len(a))
-        rules.append((_sparse(np.ones(2 * len(a)), np.r_[pair, pair], np.r_[a, b], n), -np.inf, 1.0))
+        both = _sparse(np.ones(2 * len(a)), np.r_[pair, pair], np.r_[a, b], n)
+        rules.append(LinearConstraint(both, -np.inf, 1.0))
     # A hair's preference for small numbers breaks ties the same way every time.
     cost = -(rank - 1e-10 * rank.max() * np.arange(n) / n)
-    sites = np.flatnonzero(_highs(cost, rules, np.ones(n, bool), 0.0).x > 0.5)
+    found = milp(cost, constraints=rules, integrality=np.ones(n), bounds=Bounds(0, 1))
+    sites = np.flatnonzero(found.x > 0.5)
     return Choice(sites, float(rank[sites].sum()), 0.0)
 
 
@@ -207,8 +193,9 @@ def cover(weight: Floats, distance: Floats, k: int, radius: float) -> Choice:
     reach = sparse.csr_array((distance <= radius).astype(float))
     site = np.arange(n + m) < n
     link = sparse.hstack([-reach, sparse.eye_array(m)]).tocsr()
-    cost = np.r_[1e-10 * np.arange(n) / n, -weight / max(weight.sum(), 1e-300)]
-    found = _highs(cost, [(link, -np.inf, 0.0), (site.astype(float)[None], 0.0, k)], site, 0.0)
+    rules = [LinearConstraint(link, -np.inf, 0.0), LinearConstraint(site.astype(float)[None], 0.0, k)]
+    total = max(weight.sum(), 1e-300)
+    cost = np.r_[1e-10 * np.arange(n) / n, -weight / total]
+    found = milp(cost, constraints=rules, integrality=site, bounds=Bounds(0, 1))
     sites = np.flatnonzero(found.x[:n] > 0.5)
-    covered = (distance[:, sites] <= radius).any(axis=1)
-    return Choice(sites, float(weight[covered].sum() / max(weight.sum(), 1e-300)), 0.0)
+    return Choice(sites, float(weight[(distance[:, sites] <= radius).any(axis=1)].sum() / total), 0.0)
