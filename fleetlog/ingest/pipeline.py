@@ -157,8 +157,9 @@ def _write(
     summary.notes += plan.notes
     outcomes = list(_vehicles(plan, slips, progress))
     for outcome in outcomes:
-        writer.written.add(outcome.written)
-    complete(summary, outcomes, writer.written)
+        writer.pieces += outcome.pieces
+        writer.columns |= outcome.columns
+    complete(summary, outcomes)
     check_matched(summary.matched, summary.rows, plan.site)
     every_reject = [*(r.rejects for r in reads), *(o.rejects for o in outcomes)]
     older = None if writer.old is None else writer.old.path / NAME

@@ -23,7 +23,7 @@ from fleetlog.ingest.rows import HELD, INTERNAL, STUCK, join, with_own_columns, 
 from fleetlog.ingest.spill import WINDOW_ROWS, Slip, windows
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
-from fleetlog.store.writer import DatasetWriter, Written
+from fleetlog.store.writer import NOTHING, DatasetWriter, Older
 
 if TYPE_CHECKING:
     from fleetlog.roads.matching import MatchParameters
@@ -47,7 +47,7 @@ class Plan:
     names: list[str]
     own: dict[str, bool] = field(default_factory=dict)
     positioned: frozenset[str] = frozenset()
-    before: Written = field(default_factory=Written)  # What the dataset holds that is added to
+    before: Older = NOTHING  # What the dataset holds that is added to
     every: MapFrame | None = None  # The frame of all rows
     parameters: MatchParameters | None = None
     notes: tuple[str, ...] = ()  # What the first rows look like
@@ -63,7 +63,6 @@ def import_vehicle(plan: Plan, job: tuple[int, str, list[Slip]]) -> Outcome:
             work.take(rows, last=last)
         else:
             rejects.refuse(rows, np.ones(len(rows), bool), "no log has a position of this vehicle")
-    work.out.counts["trips"] = len(work.trips)
     rejects.close()
     return work.out
 
@@ -96,8 +95,7 @@ class VehicleImport:
     def __init__(self, plan: Plan, rejects: Rejects, trip: int = 0) -> None:
         self.plan, self.rejects = plan, rejects
         self.writer = DatasetWriter(plan.folder, "recorded", plan.site, plan.before)
-        self.out = Outcome(rejects, self.writer.written)
-        self.trips: set[int] = set()
+        self.out = Outcome(rejects, self.writer.pieces, self.writer.columns)
         self._kept_back: list[Trajectory] = []
         self._first_trip = self._trip = trip
 
@@ -154,7 +152,6 @@ class VehicleImport:
         if self.plan.site.network is not None:
             rows = self._match(rows, self.plan.site.network)
         self.writer.write(with_own_columns(without(rows, *INTERNAL), self.plan.own))
-        self.trips.update(np.unique(rows.trip_ids()).tolist())
         self.out.counts["stuck"] += int(np.nansum(rows.floats(STUCK)))
         self.out.counts["held"] += int(np.nansum(rows.floats(HELD)))
         derived = "speed" in self.out.derived.get(rows.vehicle_id, ())
