@@ -36,7 +36,7 @@ def view(
     day : show this day of a dataset only (UTC, YYYY-MM-DD).
     """
     from fleetlog.store.output import atomic_output
-    from fleetlog.view import headless, viewer
+    from fleetlog.view import viewer
     from fleetlog.view.comparison import write_comparison
     from fleetlog.view.recording import RATE
 
@@ -60,7 +60,7 @@ def view(
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
             rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)
         if picture is not None:
-            headless.screenshot(rrd, picture, at=when)
+            viewer.screenshot(rrd, picture, at=when)
         elif kept is None:
             viewer.show(rrd)
     wrote = [str(as_path(p)) for p in (screenshot, save) if p is not None]
