@@ -1,6 +1,6 @@
 """Logs to a dataset, in seven steps: find, read, order, set down, clean, match, write.
 
-Everything read is set down by vehicle and day first (:mod:`fleetlog.ingest.spill`), group of logs by group;
+Everything read is set down by vehicle first (:mod:`fleetlog.ingest.spill`), group of logs by group;
 then every vehicle is cleaned, placed, matched and written, stretch by stretch.  Groups and vehicles are jobs
 of the engine in use.  Memory is bounded by a stretch whatever the size of the logs.  A stretch ends where a
 trip begins, so that no trip is torn and matching starts at a standstill.

@@ -1,9 +1,8 @@
-"""Rows set down on disk by vehicle and day, so that logs of any size and order fit into memory."""
+"""Rows set down on disk by vehicle, so that logs of any size and order fit into memory."""
 
 import itertools
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,18 +12,18 @@ from pyarrow import feather
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Labels, Trajectory, from_arrow
-from fleetlog.importers._times import DAY, EARLIEST, LATEST
+from fleetlog.importers._times import EARLIEST, LATEST
 from fleetlog.ingest.rows import INTERNAL, join
 
 BUDGET = 96 << 20  # Bytes of rows that wait in memory before they are set down
 WINDOW_ROWS = 100_000  # Rows of a vehicle that are taken up again at a time, about
+SAMPLE = 20  # Of so many rows the time of one is looked at to find where these begin
 
 
 class Slip(NamedTuple):
-    """A file of rows of one vehicle and day [days since 1970], with their first and last time [us]."""
+    """A file of rows of one vehicle, with their first and last time [us]."""
 
     vehicle: str
-    day: int
     path: Path
     first: int
     last: int
@@ -32,7 +31,7 @@ class Slip(NamedTuple):
 
 
 class Spill:
-    """Sets rows down by vehicle and day, into files of ``folder`` whose names begin with ``name``."""
+    """Sets rows down by vehicle, into files of ``folder`` whose names begin with ``name``."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self.folder, self.name = folder, name
@@ -40,7 +39,7 @@ class Spill:
         self.own: dict[str, bool] = {}
         """The log's own columns, and whether each is text."""
         self.rows = 0
-        self._waiting: dict[tuple[str, int], list[Trajectory]] = defaultdict(list)
+        self._waiting: dict[str, list[Trajectory]] = defaultdict(list)
         self._bytes = 0
 
     def add(self, rows: Trajectory) -> None:
@@ -48,10 +47,7 @@ class Spill:
         for name, values in rows.columns.items():
             if name not in BY_NAME and name not in INTERNAL:
                 self.own[name] = self.own.get(name, False) or isinstance(values, Labels)
-        day = rows.time // DAY
-        days = [int(day[0])] if day.min() == day.max() else np.unique(day).tolist()
-        for one in days:
-            self._waiting[rows.vehicle_id, one].append(rows if len(days) == 1 else rows[day == one])
+        self._waiting[rows.vehicle_id].append(rows)
         self.rows += len(rows)
         self._bytes += len(rows) * 8 * (1 + len(rows.columns))
         if self._bytes > BUDGET:
@@ -59,12 +55,12 @@ class Spill:
 
     def set_down(self) -> list[Slip]:
         """Write what waits; what has been written so far."""
-        for (vehicle, day), waiting in self._waiting.items():
+        for vehicle, waiting in self._waiting.items():
             rows = join(waiting)
             path = self.folder / f"{self.name}-{len(self.slips)}.arrow"
             _save(rows, path)
             first, last = int(rows.time.min()), int(rows.time.max())
-            self.slips.append(Slip(vehicle, day, path, first, last, len(rows)))
+            self.slips.append(Slip(vehicle, path, first, last, len(rows)))
         self._waiting.clear()
         self._bytes = 0
         return self.slips
@@ -72,35 +68,20 @@ class Spill:
 
 def windows(slips: Sequence[Slip]) -> Iterator[tuple[Trajectory, bool]]:
     """A vehicle's rows in order of time, about ``WINDOW_ROWS`` at once, unsorted within; whether last."""
-    before: list[Trajectory] = []
-    for rows in _stretches(slips):
-        if before and len(before[0]) + len(rows) > WINDOW_ROWS:
-            yield before.pop(), False
-        before = [join([*before, rows])]  # short days go together
-    for rows in before:
-        yield rows, True
+    edges = _edges(slips)
+    for low, high in itertools.pairwise(edges):
+        rows = (_load(slip, low, high) for slip in slips if slip.first < high and slip.last >= low)
+        yield join([piece for piece in rows if len(piece)]), high == edges[-1]
 
 
-def _stretches(slips: Sequence[Slip]) -> Iterator[Trajectory]:
-    """Day after day, long days in pieces."""
-    by_day = attrgetter("day")
-    for _, group in itertools.groupby(sorted(slips, key=by_day), by_day):
-        day = list(group)
-        for low, high in itertools.pairwise(_edges(day)):
-            rows = (_load(slip, low, high) for slip in day if slip.first < high and slip.last >= low)
-            if pieces := [piece for piece in rows if len(piece)]:
-                yield join(pieces)
-
-
-def _edges(day: Sequence[Slip]) -> list[int]:
-    """Times that cut a day into stretches of about equal numbers of rows."""
-    pieces = -(-sum(slip.rows for slip in day) // WINDOW_ROWS)
-    if pieces == 1:
-        return [EARLIEST, LATEST + 1]
-    tables = (feather.read_table(slip.path, ["timestamp"]) for slip in day)
-    times = np.sort(np.concatenate([np.array(t.column("timestamp"), dtype=np.int64) for t in tables]))
+def _edges(slips: Sequence[Slip]) -> list[int]:
+    """Times that cut a vehicle's rows into stretches of about equal numbers, by a sample of them."""
+    pieces = -(-sum(slip.rows for slip in slips) // WINDOW_ROWS)
+    tables = (feather.read_table(slip.path, ["timestamp"]) for slip in slips if pieces > 1)
+    sample = [np.zeros(0, np.int64), *(t.column("timestamp").to_numpy()[::SAMPLE] for t in tables)]
+    times = np.sort(np.concatenate(sample))
     cuts = times[[len(times) * k // pieces for k in range(1, pieces)]]
-    return [int(times[0]), *np.unique(cuts).tolist(), int(times[-1]) + 1]
+    return [EARLIEST, *np.unique(cuts[cuts > times[:1]]).tolist(), LATEST + 1]
 
 
 def _save(rows: Trajectory, path: Path) -> None:
@@ -116,6 +97,7 @@ def _save(rows: Trajectory, path: Path) -> None:
 
 def _load(slip: Slip, low: int, high: int) -> Trajectory:
     """The rows from ``low`` on and before ``high``."""
-    rows = from_arrow(feather.read_table(slip.path, memory_map=True), slip.vehicle)
-    mask = (rows.time >= low) & (rows.time < high)
-    return rows if mask.all() else rows[mask]
+    table = feather.read_table(slip.path, memory_map=True)
+    time = table.column("timestamp").to_numpy()
+    mask = (time >= low) & (time < high)
+    return from_arrow(table if mask.all() else table.filter(pa.array(mask)), slip.vehicle)

@@ -11,8 +11,8 @@ from markupsafe import Markup
 
 from fleetlog.core.result import Result
 from fleetlog.report.facts import Facts
+from fleetlog.view.palette import Scale
 from fleetlog.view.picture import Layer, Panel, svg
-from fleetlog.view.scales import Scale
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from fleetlog.report.facts import Facts, gather
 from fleetlog.report.sections import SECTIONS, answers, local_span, shapes
 from fleetlog.store import Dataset
 from fleetlog.version import __version__
-from fleetlog.view.scales import Scale, scale_of
+from fleetlog.view.palette import Scale, scale_of
 
 
 @dataclass

@@ -13,7 +13,7 @@ from fleetlog.report.condition import charge, data_quality
 from fleetlog.report.content import Part, number, picture, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
-from fleetlog.view.scales import Scale
+from fleetlog.view.palette import Scale
 
 S = TypeVar("S", Bars, Grid, EdgeValues)
 # Heading, column and format of every table.

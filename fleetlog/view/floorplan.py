@@ -11,7 +11,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Floats
 from fleetlog.view import palette, ribbons
 from fleetlog.view.extent import Extent, around, shapes_outline
-from fleetlog.view.scales import Scale, colour_map
+from fleetlog.view.palette import Scale, colour_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

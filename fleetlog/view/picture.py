@@ -11,8 +11,8 @@ import numpy as np
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Spread
 from fleetlog.core.site import Site
 from fleetlog.view.floorplan import draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
+from fleetlog.view.palette import Scale, scales_of
 from fleetlog.view.panels import bars_height, draw_bars, draw_series, draw_spread
-from fleetlog.view.scales import Scale, scales_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

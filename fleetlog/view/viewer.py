@@ -74,10 +74,15 @@ def nanoseconds_of(iso: str) -> int:
     return int(utc.as_unit("ns").value)
 
 
+def has_screen() -> bool:
+    """Whether a window can be opened here."""
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return sys.platform in ("win32", "darwin") or bool(named)
+
+
 def show(rrd: Path) -> None:
     """Open the viewer on a recording and wait until it is closed; it listens on this machine only."""
-    windows = sys.platform in ("win32", "darwin")
-    if not windows and not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
+    if not has_screen():
         do = "run fleetlog view on a machine with one, or draw it here with --screenshot FILE.png"
         raise ViewerError("there is no screen here", where=rrd, do=do)
     command = [str(binary()), "--bind", "127.0.0.1", "--port", str(free_port()), str(rrd)]
