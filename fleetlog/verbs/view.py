@@ -4,8 +4,9 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
+from fleetlog import scratch
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import as_path, as_site, existing, files_of, temporary
+from fleetlog.api.inputs import as_path, as_site, existing, files_of
 from fleetlog.api.kinds import DatasetLike, PathLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between
@@ -54,7 +55,7 @@ def view(
     with written(screenshot, "picture") as picture, written(save, "recording") as kept:
         if beside is not None:
             notice("making the comparison")
-            rrd = kept or temporary() / "comparison.rrd"
+            rrd = kept or scratch.folder() / "comparison.rrd"
             write_comparison(source, existing(beside), rrd, rate_hz=rate or RATE, day=day)
         else:
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
@@ -81,5 +82,5 @@ def _drawn(path: Path) -> Path:
         what = f"is a {summary['kind']}: nothing to draw"
         raise InputError(what, where=path, do="name a dataset, an analysis, a map, a site or a log")
     site = as_site(path)
-    target = temporary() / "site.rrd"
+    target = scratch.folder() / "site.rrd"
     return write_result_recording(Result(site.name, {}, lines=[line.strip() for line in lines]), site, target)

@@ -4,9 +4,7 @@ Without a screen the real viewer opens it and paints by the processor (Mesa lava
 of ``rerun.experimental`` is here, because it may change with every release.
 """
 
-import atexit
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -22,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog import scratch
 from fleetlog.errors import FleetlogError, InputError
 from fleetlog.store.places import is_url
 from fleetlog.view.stream import TIMELINE
@@ -47,10 +46,8 @@ def recording_of(
 
     recording, description = path / "recording.rrd", path / "dataset.json"
     if is_url(path) or day is not None:
-        folder = tempfile.mkdtemp(prefix="fleetlog-")
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
         say(f"making the replay of {path}" + ("" if day is None else f" on {day}"))
-        return write_recording(path, Path(folder) / "recording.rrd", rate_hz=rate_hz or RATE, day=day)
+        return write_recording(path, scratch.folder() / "recording.rrd", rate_hz=rate_hz or RATE, day=day)
     there = recording.is_file()
     if not (there or description.is_file()):
         do = "name a dataset, an analysis or an .rrd file"
@@ -192,7 +189,7 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
         f"{size[0]}x{size[1]}", "--hide-welcome-screen", "--memory-limit", "4GB", str(rrd),
     ]  # fmt: skip
 
-    with tempfile.TemporaryDirectory() as home:
+    with tempfile.TemporaryDirectory(dir=scratch.folder()) as home:
         own = environment(HOME=home, XDG_RUNTIME_DIR=home)
         process = subprocess.Popen(command, env=own, stdout=quiet, stderr=quiet)
         try:
