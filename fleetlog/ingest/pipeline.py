@@ -1,6 +1,6 @@
 """Logs to a dataset, in seven steps: find, read, order, set down, clean, match, write.
 
-Everything read is set down by vehicle first (:mod:`fleetlog.ingest.spill`), group of logs by group;
+Everything read is set down by vehicle first (:mod:`fleetlog.ingest.rows`), group of logs by group;
 then every vehicle is cleaned, placed, matched and written, stretch by stretch.  Groups and vehicles are jobs
 of the engine in use.  Memory is bounded by a stretch whatever the size of the logs.  A stretch ends where a
 trip begins, so that no trip is torn and matching starts at a standstill.
@@ -26,7 +26,7 @@ from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.place import check_matched
 from fleetlog.ingest.reading import Read, groups_of, read_group
 from fleetlog.ingest.rejects import NAME, gather
-from fleetlog.ingest.spill import Slip, windows
+from fleetlog.ingest.rows import Slip, windows
 from fleetlog.ingest.stretch import Plan, import_vehicle, probe
 from fleetlog.ingest.summary import ImportSummary, Outcome, added_up, complete
 from fleetlog.store.documents import provenance

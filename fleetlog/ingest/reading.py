@@ -26,8 +26,7 @@ from fleetlog.importers._times import EARLIEST
 from fleetlog.importers.base import LOCAL, RawBatch
 from fleetlog.ingest.files import Log
 from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, join
-from fleetlog.ingest.spill import Slip, Spill
+from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, Slip, Spill, join
 from fleetlog.ingest.summary import FileSummary
 
 _RESERVED = frozenset((*NAMES, "date", *INTERNAL))

@@ -15,12 +15,27 @@ from fleetlog.core.site import MapFrame, Site
 from fleetlog.core.trajectory import Ints, Labels, Trajectory
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean
-from fleetlog.ingest.between import fill_positions, join_channels, release_held
-from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio
+from fleetlog.ingest.derive import (
+    derive_motion,
+    derive_power,
+    fill_positions,
+    join_channels,
+    pace_ratio,
+    release_held,
+)
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import HELD, INTERNAL, STUCK, join, with_own_columns, without
-from fleetlog.ingest.spill import WINDOW_ROWS, Slip, windows
+from fleetlog.ingest.rows import (
+    HELD,
+    INTERNAL,
+    STUCK,
+    WINDOW_ROWS,
+    Slip,
+    join,
+    windows,
+    with_own_columns,
+    without,
+)
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
