@@ -64,9 +64,10 @@ def without(rows: Trajectory, *names: str) -> Trajectory:
 
 
 def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
-    """Every own column of the logs, null where this vehicle has none, text where any vehicle has text.
+    """Rows as they are written: with every own column of the logs, without those of the import.
 
-    So all files of a dataset have the same columns, and databases read them together.
+    An own column is null where this vehicle has none, and text where any vehicle has text: so all files of a
+    dataset have the same columns, and databases read them together.
     """
     new: dict[str, Values] = {}
     for name, text in own.items():
@@ -75,7 +76,7 @@ def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
             new[name] = _as_labels(values, len(rows))
         elif values is None:
             new[name] = np.full(len(rows), np.nan)
-    return rows.with_columns(**new) if new else rows
+    return without(rows, *INTERNAL).with_columns(**new)
 
 
 def picture(rows: Trajectory, row: int) -> str:
