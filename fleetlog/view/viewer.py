@@ -206,7 +206,10 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
             yield client
         finally:
             process.terminate()
-            process.wait(20)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(20)
+            process.kill()
+            process.wait()
 
 
 def screenshot(rrd: str | Path, out: str | Path, *, at: int | None = None, settle: float = 7.0) -> Path:
