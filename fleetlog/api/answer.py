@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fleetlog.api.inputs import temporary
+from fleetlog import scratch
 from fleetlog.api.kinds import PathLike
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
@@ -82,7 +82,7 @@ class Answer(Result):
         if self.page:
             import webbrowser
 
-            file = temporary() / "page.html"
+            file = scratch.folder() / "page.html"
             file.write_text(self.page, encoding="utf-8")
             webbrowser.open(file.as_uri())
             return
@@ -91,7 +91,7 @@ class Answer(Result):
         written = self.output if self.output is not None and self.output.exists() else None
         if written is None and (not self.folder or self.write is None):
             raise DataError(f"{self.name} has no recording to show", do="print it, or look at its tables")
-        viewer.show(viewer.recording_of(written or self.save(temporary() / self.name)))
+        viewer.show(viewer.recording_of(written or self.save(scratch.folder() / self.name)))
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
@@ -108,7 +108,7 @@ class Answer(Result):
         if self.shapes:
             from fleetlog.view.picture import write_picture
 
-            png = write_picture(self, self.site or Site(), temporary() / "picture.png").read_bytes()
+            png = write_picture(self, self.site or Site(), scratch.folder() / "picture.png").read_bytes()
             source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
             picture = f'<img style="max-width:100%" src="{source}">'
         tables = "".join(
@@ -137,16 +137,16 @@ def destination(
 
     def keep(answer: Answer) -> Answer:
         answer.kind, answer.folder, answer.inputs = kind, folder, inputs
-        if scratch is not None:
+        if target is not None:
             write = answer.write or partial(write_json, value=answer.summary, indent=1)
-            write(scratch)
+            write(target)
             answer.output = place
         return answer
 
     held: AbstractContextManager[Path | None] = nullcontext()
     if place is not None:
         held = atomic_output(place, kind, overwrite=overwrite, folder=folder, inputs=inputs)
-    with held as scratch:
+    with held as target:
         yield keep
 
 

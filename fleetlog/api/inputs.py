@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from fleetlog import scratch
 from fleetlog.api.kinds import DatasetLike, PhysicsLike, SiteLike, TruckLike
 from fleetlog.errors import InputError
 from fleetlog.listening import notice
@@ -18,14 +18,6 @@ if TYPE_CHECKING:
     from fleetlog.core.truck import Truck
     from fleetlog.physics.power import Physics
     from fleetlog.store import Dataset
-
-_kept: list[tempfile.TemporaryDirectory[str]] = []
-
-
-def temporary() -> Path:
-    """Make a folder that is kept until Python ends."""
-    _kept.append(tempfile.TemporaryDirectory(prefix="fleetlog-", ignore_cleanup_errors=True))
-    return Path(_kept[-1].name)
 
 
 def as_dataset(value: DatasetLike) -> Dataset:
@@ -39,7 +31,7 @@ def as_dataset(value: DatasetLike) -> Dataset:
     from fleetlog.core.site import Site
     from fleetlog.ingest.pipeline import import_logs
 
-    folder = temporary() / "dataset"
+    folder = scratch.folder() / "dataset"
     with DatasetWriter.create(folder, "recorded", Site()) as writer:
         import_logs([as_path(value)], None, writer)
     return Dataset(folder)
@@ -129,7 +121,7 @@ def _is_frame(value: Any) -> bool:
 
 def _written(frame: Any, name: str) -> Path:
     """A temporary file of a table; a named index (of time, say) is a column."""
-    file = temporary() / name
+    file = scratch.folder() / name
     plain = frame.reset_index() if any(frame.index.names) else frame
     write = plain.to_csv if name.endswith(".csv") else plain.to_parquet
     write(file, index=False)

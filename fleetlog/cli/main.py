@@ -35,15 +35,14 @@ def entry() -> None:
         os.environ.setdefault("RUST_LOG", "off")
         warnings.simplefilter("ignore")
         logging.disable(logging.WARNING)
-    own = find_place()
+    find_place()
     status = _finished(_status())
     interrupt.ignore()
     if status == EXIT_INTERRUPTED:
         # An interrupt inside an import's exec() makes the interpreter die by the signal, whatever the status.
-        if own is not None:
-            import shutil
+        from fleetlog import scratch
 
-            shutil.rmtree(own, ignore_errors=True)
+        scratch.clear()
         os._exit(status)
     sys.exit(status)
 
@@ -62,7 +61,7 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def find_place() -> str | None:
+def find_place() -> None:
     """Set ``NUMBA_CACHE_DIR`` to a folder of this run where numba's own choices cannot be written.
 
     Its name cannot be foreseen: numba loads what lies in it.
@@ -70,15 +69,10 @@ def find_place() -> str | None:
     # Path.expanduser raises where there is no home.
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111
     if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent) or _writable(Path(home)):
-        return None
-    import atexit
-    import shutil
-    import tempfile
+        return
+    from fleetlog import scratch
 
-    folder = tempfile.mkdtemp(prefix="fleetlog-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    os.environ["NUMBA_CACHE_DIR"] = folder
-    return folder
+    os.environ["NUMBA_CACHE_DIR"] = str(scratch.folder())
 
 
 def _writable(folder: Path) -> bool:

@@ -1,6 +1,6 @@
 """Logs to a dataset, in seven steps: find, read, order, set down, clean, match, write.
 
-Everything read is set down by vehicle and day first (:mod:`fleetlog.ingest.spill`), group of logs by group;
+Everything read is set down by vehicle first (:mod:`fleetlog.ingest.rows`), group of logs by group;
 then every vehicle is cleaned, placed, matched and written, stretch by stretch.  Groups and vehicles are jobs
 of the engine in use.  Memory is bounded by a stretch whatever the size of the logs.  A stretch ends where a
 trip begins, so that no trip is torn and matching starts at a standstill.
@@ -26,7 +26,7 @@ from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.place import check_matched
 from fleetlog.ingest.reading import Read, groups_of, read_group
 from fleetlog.ingest.rejects import NAME, gather
-from fleetlog.ingest.spill import Slip, windows
+from fleetlog.ingest.rows import Slip, windows
 from fleetlog.ingest.stretch import Plan, import_vehicle, probe
 from fleetlog.ingest.summary import ImportSummary, Outcome, added_up, complete
 from fleetlog.store.documents import provenance
@@ -157,8 +157,9 @@ def _write(
     summary.notes += plan.notes
     outcomes = list(_vehicles(plan, slips, progress))
     for outcome in outcomes:
-        writer.written.add(outcome.written)
-    complete(summary, outcomes, writer.written)
+        writer.pieces += outcome.pieces
+        writer.columns |= outcome.columns
+    complete(summary, outcomes)
     check_matched(summary.matched, summary.rows, plan.site)
     every_reject = [*(r.rejects for r in reads), *(o.rejects for o in outcomes)]
     older = None if writer.old is None else writer.old.path / NAME

@@ -1,15 +1,28 @@
-"""Rows of a vehicle on their way into a dataset: unsorted, with where each came from."""
+"""Rows of a vehicle on their way into a dataset: unsorted, with where each came from; set down on disk by
+vehicle, so that logs of any size and order fit into memory."""
 
-from collections.abc import Sequence
+import itertools
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
+from pyarrow import feather
 
-from fleetlog.core.trajectory import Labels, Trajectory, Values
+from fleetlog.core.columns import BY_NAME
+from fleetlog.core.trajectory import Labels, Trajectory, Values, from_arrow
+from fleetlog.importers._times import EARLIEST, LATEST
 
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
 """Columns of the import itself, never written: number of the file, line or record in it; 1 for rows without
 positions, of a stuck sensor, and whose position repeats an older one."""
+
+BUDGET = 96 << 20  # Bytes of rows that wait in memory before they are set down
+WINDOW_ROWS = 100_000  # Rows of a vehicle that are taken up again at a time, about
+SAMPLE = 20  # Of so many rows the time of one is looked at to find where these begin
 
 
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
@@ -51,9 +64,10 @@ def without(rows: Trajectory, *names: str) -> Trajectory:
 
 
 def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
-    """Every own column of the logs, null where this vehicle has none, text where any vehicle has text.
+    """Rows as they are written: with every own column of the logs, without those of the import.
 
-    So all files of a dataset have the same columns, and databases read them together.
+    An own column is null where this vehicle has none, and text where any vehicle has text: so all files of a
+    dataset have the same columns, and databases read them together.
     """
     new: dict[str, Values] = {}
     for name, text in own.items():
@@ -62,7 +76,7 @@ def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
             new[name] = _as_labels(values, len(rows))
         elif values is None:
             new[name] = np.full(len(rows), np.nan)
-    return rows.with_columns(**new) if new else rows
+    return without(rows, *INTERNAL).with_columns(**new)
 
 
 def picture(rows: Trajectory, row: int) -> str:
@@ -78,3 +92,86 @@ def picture(rows: Trajectory, row: int) -> str:
         if value is not None:
             cells.append(f"{name}={value}")
     return " ".join(cells)
+
+
+class Slip(NamedTuple):
+    """A file of rows of one vehicle, with their first and last time [us]."""
+
+    vehicle: str
+    path: Path
+    first: int
+    last: int
+    rows: int
+
+
+class Spill:
+    """Sets rows down by vehicle, into files of ``folder`` whose names begin with ``name``."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.folder, self.name = folder, name
+        self.slips: list[Slip] = []
+        self.own: dict[str, bool] = {}
+        """The log's own columns, and whether each is text."""
+        self.rows = 0
+        self._waiting: dict[str, list[Trajectory]] = defaultdict(list)
+        self._bytes = 0
+
+    def add(self, rows: Trajectory) -> None:
+        """Set rows of one vehicle, at least one, aside."""
+        for name, values in rows.columns.items():
+            if name not in BY_NAME and name not in INTERNAL:
+                self.own[name] = self.own.get(name, False) or isinstance(values, Labels)
+        self._waiting[rows.vehicle_id].append(rows)
+        self.rows += len(rows)
+        self._bytes += len(rows) * 8 * (1 + len(rows.columns))
+        if self._bytes > BUDGET:
+            self.set_down()
+
+    def set_down(self) -> list[Slip]:
+        """Write what waits; what has been written so far."""
+        for vehicle, waiting in self._waiting.items():
+            rows = join(waiting)
+            path = self.folder / f"{self.name}-{len(self.slips)}.arrow"
+            _save(rows, path)
+            first, last = int(rows.time.min()), int(rows.time.max())
+            self.slips.append(Slip(vehicle, path, first, last, len(rows)))
+        self._waiting.clear()
+        self._bytes = 0
+        return self.slips
+
+
+def windows(slips: Sequence[Slip]) -> Iterator[tuple[Trajectory, bool]]:
+    """A vehicle's rows in order of time, about ``WINDOW_ROWS`` at once, unsorted within; whether last."""
+    edges = _edges(slips)
+    for low, high in itertools.pairwise(edges):
+        rows = (_load(slip, low, high) for slip in slips if slip.first < high and slip.last >= low)
+        yield join([piece for piece in rows if len(piece)]), high == edges[-1]
+
+
+def _edges(slips: Sequence[Slip]) -> list[int]:
+    """Times that cut a vehicle's rows into stretches of about equal numbers, by a sample of them."""
+    pieces = -(-sum(slip.rows for slip in slips) // WINDOW_ROWS)
+    tables = (feather.read_table(slip.path, ["timestamp"]) for slip in slips if pieces > 1)
+    sample = [np.zeros(0, np.int64), *(t.column("timestamp").to_numpy()[::SAMPLE] for t in tables)]
+    times = np.sort(np.concatenate(sample))
+    cuts = times[[len(times) * k // pieces for k in range(1, pieces)]]
+    return [EARLIEST, *np.unique(cuts[cuts > times[:1]]).tolist(), LATEST + 1]
+
+
+def _save(rows: Trajectory, path: Path) -> None:
+    columns = {"timestamp": pa.array(rows.time)}
+    for name, values in rows.columns.items():
+        if isinstance(values, Labels):
+            codes = pa.array(values.codes, pa.int32(), mask=values.codes < 0)
+            columns[name] = pa.DictionaryArray.from_arrays(codes, pa.array(list(values.names), pa.string()))
+        else:
+            columns[name] = pa.array(values)
+    feather.write_feather(pa.table(columns), str(path), compression="uncompressed")
+
+
+def _load(slip: Slip, low: int, high: int) -> Trajectory:
+    """The rows from ``low`` on and before ``high``."""
+    table = feather.read_table(slip.path, memory_map=True)
+    time = table.column("timestamp").to_numpy()
+    mask = (time >= low) & (time < high)
+    return from_arrow(table if mask.all() else table.filter(pa.array(mask)), slip.vehicle)

@@ -14,16 +14,13 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import MapFrame, Site
 from fleetlog.core.trajectory import Ints, Labels, Trajectory
 from fleetlog.importers.base import GEOGRAPHIC
-from fleetlog.ingest import clean
-from fleetlog.ingest.between import fill_positions, join_channels, release_held
-from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio
+from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import HELD, INTERNAL, STUCK, join, with_own_columns, without
-from fleetlog.ingest.spill import WINDOW_ROWS, Slip, windows
+from fleetlog.ingest.rows import HELD, STUCK, WINDOW_ROWS, Slip, join, windows, with_own_columns
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
-from fleetlog.store.writer import DatasetWriter, Written
+from fleetlog.store.writer import NOTHING, DatasetWriter, Older
 
 if TYPE_CHECKING:
     from fleetlog.roads.matching import MatchParameters
@@ -47,7 +44,7 @@ class Plan:
     names: list[str]
     own: dict[str, bool] = field(default_factory=dict)
     positioned: frozenset[str] = frozenset()
-    before: Written = field(default_factory=Written)  # What the dataset holds that is added to
+    before: Older = NOTHING  # What the dataset holds that is added to
     every: MapFrame | None = None  # The frame of all rows
     parameters: MatchParameters | None = None
     notes: tuple[str, ...] = ()  # What the first rows look like
@@ -63,7 +60,6 @@ def import_vehicle(plan: Plan, job: tuple[int, str, list[Slip]]) -> Outcome:
             work.take(rows, last=last)
         else:
             rejects.refuse(rows, np.ones(len(rows), bool), "no log has a position of this vehicle")
-    work.out.counts["trips"] = len(work.trips)
     rejects.close()
     return work.out
 
@@ -96,8 +92,7 @@ class VehicleImport:
     def __init__(self, plan: Plan, rejects: Rejects, trip: int = 0) -> None:
         self.plan, self.rejects = plan, rejects
         self.writer = DatasetWriter(plan.folder, "recorded", plan.site, plan.before)
-        self.out = Outcome(rejects, self.writer.written)
-        self.trips: set[int] = set()
+        self.out = Outcome(rejects, self.writer.pieces, self.writer.columns)
         self._kept_back: list[Trajectory] = []
         self._first_trip = self._trip = trip
 
@@ -130,18 +125,18 @@ class VehicleImport:
         rows = place(sample, site)
         if check and len(rows):
             check_place(rows, site, sample)
-        joined = join_channels(rows)
+        joined = derive.join_channels(rows)
         self.out.counts["joined"] += len(rows) - len(joined)
         return joined
 
     def _in_order(self, rows: Trajectory) -> Trajectory:
         """What a row tells beside its neighbours."""
         rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
-        return clean.drop_jumps(release_held(rows), self.rejects)
+        return clean.drop_jumps(derive.release_held(rows), self.rejects)
 
     def _derive(self, rows: Trajectory) -> Trajectory:
-        rows = clean.unstick(fill_positions(rows))
-        full = derive_power(derive_motion(rows))
+        rows = clean.unstick(derive.fill_positions(rows))
+        full = derive.derive_power(derive.derive_motion(rows))
         made = [n for n in ("speed", "heading", "battery_power") if full.has(n) and not rows.has(n)]
         if made:
             known = self.out.derived.setdefault(rows.vehicle_id, [])
@@ -153,12 +148,11 @@ class VehicleImport:
             return
         if self.plan.site.network is not None:
             rows = self._match(rows, self.plan.site.network)
-        self.writer.write(with_own_columns(without(rows, *INTERNAL), self.plan.own))
-        self.trips.update(np.unique(rows.trip_ids()).tolist())
+        self.writer.write(with_own_columns(rows, self.plan.own))
         self.out.counts["stuck"] += int(np.nansum(rows.floats(STUCK)))
         self.out.counts["held"] += int(np.nansum(rows.floats(HELD)))
         derived = "speed" in self.out.derived.get(rows.vehicle_id, ())
-        if not derived and len(self.out.paces) < MOST_PACES and (pace := pace_ratio(rows)) is not None:
+        if not derived and len(self.out.paces) < MOST_PACES and (pace := derive.pace_ratio(rows)) is not None:
             self.out.paces.append(pace)
 
     def _match(self, rows: Trajectory, network: Network) -> Trajectory:

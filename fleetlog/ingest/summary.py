@@ -8,14 +8,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fleetlog.core.words import count
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 from fleetlog.importers._report import ReadReport
 from fleetlog.ingest.derive import suspect_unit
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.store.writer import Written
+from fleetlog.store.trips import Columns, contents_of, trips_of
 
 MOST_PACES = 50
 
@@ -129,28 +127,28 @@ class Outcome:
     """What the import of a vehicle came to."""
 
     rejects: Rejects
-    written: Written
+    pieces: list[Columns] = field(default_factory=list)  # Of its trips
+    columns: dict[str, str] = field(default_factory=dict)  # The unit of every column
     counts: Counter[str] = field(default_factory=Counter)
-    """Trips; rows ``joined``, ``matched``, ``on_road``, ``kept`` with edges of the log's own, of a ``stuck``
-    sensor, ``held`` at a repeated position."""
+    """Rows ``joined``, ``matched``, ``on_road``, ``kept`` with edges of the log's own, of a ``stuck`` sensor,
+    ``held`` at a repeated position."""
     off_map: Counter[str] = field(default_factory=Counter)  # Rows without a road, by reason
     derived: dict[str, list[str]] = field(default_factory=dict)  # Columns made from others, by vehicle
     paces: list[float] = field(default_factory=list)  # Speeds of the log over those of its positions
 
 
-def complete(summary: ImportSummary, outcomes: Sequence[Outcome], written: Written) -> None:
+def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     """Add what the vehicles came to, in their order, to the summary of what was read."""
     counts = sum((o.counts for o in outcomes), Counter[str]())
-    summary.vehicles, summary.rows = dict(written.rows), sum(written.rows.values())
-    summary.trips, summary.rows_joined = counts["trips"], counts["joined"]
+    pieces = [piece for o in outcomes for piece in o.pieces]
+    summary.vehicles, summary.start, summary.end = contents_of(pieces)
+    summary.rows, summary.trips = sum(summary.vehicles.values()), len(trips_of(pieces))
+    summary.rows_joined = counts["joined"]
     summary.off_map = dict(sum((o.off_map for o in outcomes), Counter[str]()))
     summary.derived_by_vehicle = {vehicle: made for o in outcomes for vehicle, made in o.derived.items()}
     summary.derived = sorted({name for made in summary.derived_by_vehicle.values() for name in made})
     paces = [] if "speed" in summary.derived else [p for o in outcomes for p in o.paces]
     summary.notes += _notes(counts, paces[:MOST_PACES])
-    if written.rows:
-        span = min(written.first.values()), max(written.last.values())
-        summary.start, summary.end = (f"{np.datetime64(t, 'us')}Z" for t in span)
     if counts["matched"]:
         summary.matched = counts["on_road"] / counts["matched"]
 

@@ -15,8 +15,8 @@ from fleetlog.listening import progress
 from fleetlog.physics.power import all_terms
 from fleetlog.report.content import Picture, Table, number, render
 from fleetlog.report.facts import Facts
+from fleetlog.view.palette import scales_of
 from fleetlog.view.picture import svg
-from fleetlog.view.scales import scales_of
 
 MOST_ROADS, KJ_PER_KWH = 20, 3600.0
 

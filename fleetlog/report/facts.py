@@ -42,7 +42,7 @@ from fleetlog.simulate.places import find_stands
 from fleetlog.store import Dataset
 from fleetlog.store.events import read_table
 from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE
-from fleetlog.view.scales import Scale
+from fleetlog.view.palette import Scale
 
 SHORTEST_TRIP = 5.0  # A shorter trip is shunting [m]
 MOST_CELLS = 400  # Of the heat map, along its longer side

@@ -23,7 +23,7 @@ from fleetlog.report.figures import Row, changes, frame, page_table, rows_of
 from fleetlog.report.sections import SECTIONS, answers, local_span
 from fleetlog.store import Dataset
 from fleetlog.version import __version__
-from fleetlog.view.scales import scales_of
+from fleetlog.view.palette import scales_of
 
 
 @dataclass

@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from fleetlog import scratch
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import FleetlogError
@@ -37,8 +38,8 @@ class Scenario:
         second = max(round(1.0 / self.settings.step), 1) * self.settings.step
         few_rows = replace(self, settings=replace(self.settings, interval=10.0 * second))
         with (
-            TemporaryDirectory() as scratch,
-            DatasetWriter.create(Path(scratch) / "run", "simulated", self.site) as writer,
+            TemporaryDirectory(dir=scratch.folder()) as folder,
+            DatasetWriter.create(Path(folder) / "run", "simulated", self.site) as writer,
         ):
             return few_rows.write(writer)
 

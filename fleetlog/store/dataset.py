@@ -117,7 +117,7 @@ class Dataset:
 
     @cached_property
     def trips(self) -> pd.DataFrame:
-        """One row a trip; see :func:`fleetlog.store.trips.trip_columns`."""
+        """One row a trip; see :func:`fleetlog.store.trips.trips_of`."""
         import pandas as pd
 
         file = self.path / "trips.parquet"

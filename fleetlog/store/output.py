@@ -85,15 +85,15 @@ def remade(part: Path) -> Iterator[Path]:
 
 def share(source: Path, target: Path) -> None:
     """Make ``target`` a folder with the files of ``source``: hard links, or copies where there are none."""
+
+    def linked(one: str, other: str) -> None:
+        try:
+            os.link(one, other)
+        except OSError:
+            shutil.copy2(one, other)
+
     if source.is_dir():
-        shutil.copytree(source, target, copy_function=_linked)
-
-
-def _linked(source: str, target: str) -> None:
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copy2(source, target)
+        shutil.copytree(source, target, copy_function=linked)
 
 
 def check_free(
@@ -128,19 +128,17 @@ def check_free(
 def _at_input(target: Path, given: Path) -> str | None:
     """Why an output is not apart from an input: at it, above it, or inside a dataset; None where it is."""
     source = Path(os.path.realpath(given))
-    if target.exists() and _same(target, source):
+
+    def same(a: Path, b: Path) -> bool:
+        return a.exists() and b.exists() and a.samefile(b)
+
+    if same(target, source):
         return "is what this run reads"
-    if target.exists() and any(_same(target, p) for p in source.parents):
+    if any(same(target, folder) for folder in source.parents):
         return f"holds {given}, which this run reads"
-    if (source / "dataset.json").is_file() and any(_same(source, p) for p in target.parents):
+    if (source / "dataset.json").is_file() and any(same(source, folder) for folder in target.parents):
         return f"lies in the dataset {given}, which this run reads"
     return None
-
-
-def _same(a: Path, b: Path) -> bool:
-    with suppress(OSError):
-        return a.samefile(b)
-    return False
 
 
 def _foreign(target: Path, kind: str) -> str | None:
@@ -235,6 +233,8 @@ if hasattr(os, "register_at_fork"):  # a worker that outlives a killed run must 
 
 def _lock(scratch: Path, target: Path) -> int:
     """Make the scratch folder and lock it; the descriptor of the lock."""
+    import fcntl
+
     while True:
         with suppress(FileNotFoundError):  # the run that held it has just ended and takes its folder away
             scratch.mkdir(exist_ok=True)
@@ -242,27 +242,21 @@ def _lock(scratch: Path, target: Path) -> int:
                 raise OutputError("is in the way", where=scratch, do="move it away or choose another output")
             lock = os.open(scratch / "lock", os.O_RDWR | os.O_CREAT, 0o600)
             try:
-                _hold(lock, target)
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 if os.fstat(lock).st_ino == (scratch / "lock").stat().st_ino:
                     _held.add(lock)
                     return lock
-            except BaseException:
-                os.close(lock)
-                raise
-            os.close(lock)
-
-
-def _hold(lock: int, target: Path) -> None:
-    import fcntl
-
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        what, do = "another run is writing to it", "wait for it or choose another name"
-        raise OutputError(what, where=target, do=do) from None
-    except OSError as error:
-        what, do = f"cannot be locked here ({error.strerror})", "write to another disk and copy it"
-        raise OutputError(what, where=target, do=do) from None
+            except BlockingIOError:
+                what, do = "another run is writing to it", "wait for it or choose another name"
+                raise OutputError(what, where=target, do=do) from None
+            except OSError as error:
+                if isinstance(error, FileNotFoundError):
+                    raise
+                what, do = f"cannot be locked here ({error.strerror})", "write to another disk and copy it"
+                raise OutputError(what, where=target, do=do) from None
+            finally:
+                if lock not in _held:
+                    os.close(lock)
 
 
 def _clear(scratch: Path, target: Path) -> None:

@@ -6,6 +6,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from fleetlog import scratch
 from fleetlog.errors import InputError, OutputError
 
 EXTRA = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "az": "adlfs", "abfs": "adlfs"}
@@ -46,7 +47,7 @@ def uploaded(target: Any, *, overwrite: bool = False, new: bool = True) -> Itera
     if overwrite or (new and (target / "dataset.json").exists()):
         what = "a dataset behind a URL is not replaced" if overwrite else "is already there"
         raise OutputError(what, where=str(target), do="choose another name, or remove it yourself")
-    with tempfile.TemporaryDirectory(prefix="fleetlog-") as folder:
+    with tempfile.TemporaryDirectory(dir=scratch.folder()) as folder:
         yield Path(folder)
         _upload(Path(folder), target)
 

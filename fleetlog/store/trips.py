@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,11 +19,9 @@ MIN_STOP = 15.0  # A shorter standstill does not end a trip: it is a wait on the
 MAX_GAP = 60.0  # A longer silence of the log ends a trip [s]
 MIN_LOAD_CHANGE = 25.0  # A change of payload at a standstill ends a trip, however short the stop [kg]
 
-LAST = ("last_speed", "last_power", "last_payload")
-"""Of a piece of a trip, beside its columns: the time to the next piece is driven with them."""
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Columns = dict[str, NDArray[Any]]
 
 
 def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:
@@ -49,23 +48,12 @@ def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
 
 
-def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
-    """One table of all trips that :func:`trip_columns` gave, since making one is slow."""
-    import pandas as pd
+def trip_pieces(trajectory: Trajectory, vehicles: Sequence[str] | None = None) -> Columns:
+    """Of every trip what adds up: times [us], metres, joules, seconds driven and more; empty without rows.
 
-    trips = [t for t in trips if t]
-    if not trips:
-        return pd.DataFrame({"vehicle_id": [], "trip_id": []})
-    out = pd.DataFrame({name: np.concatenate([t[name] for t in trips]) for name in trips[0]})
-    for name in ("start", "end"):
-        out[name] = pd.to_datetime(out[name], unit="us", utc=True)
-    return out
-
-
-def trip_columns(trajectory: Trajectory, vehicles: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
-    """Of every trip: times [us], distance [m], energy [J] and more, and ``LAST``; empty without rows.
-
-    With ``vehicles`` the rows are those of several, one after the other and as many of each.
+    With ``vehicles`` the rows are those of several, one after the other and as many of each.  ``load`` is
+    payload by seconds driven, ``on_road`` counts matched rows; with the ``last_`` values the time to the next
+    piece of the trip is driven.
     """
     vehicles = vehicles or (trajectory.vehicle_id,)
     ids = trajectory.trip_ids()
@@ -97,54 +85,64 @@ def trip_columns(trajectory: Trajectory, vehicles: Sequence[str] | None = None) 
         # Only loads that were driven count.
         load = add(np.where(dt > 0.0, payload, 0.0), dt)
     codes = trajectory.labels("edge_id").codes
-    fit = np.add.reduceat((codes >= 0).view(np.int8), begin, dtype=np.int64)
     return {
         "vehicle_id": np.array(vehicles, object)[begin * len(vehicles) // len(ids)], "trip_id": ids[begin],
-        "start": trajectory.time[begin], "end": trajectory.time[end],
-        "rows": end - begin + 1, "duration": (time[end] - time[begin]) * 1e-6, "driving_time": driven,
+        "start": time[begin], "end": time[end], "rows": end - begin + 1, "driving_time": driven,
         "distance": distance, "max_speed": np.maximum.reduceat(speed, begin),
-        "x_start": x[begin], "y_start": y[begin], "x_end": x[end], "y_end": y[end],
-        "payload": load / np.where(driven > 0, driven, np.nan),
-        "energy": energy, "soc_start": soc[begin], "soc_end": soc[end], "matched": fit / (end - begin + 1),
-        **dict(zip(LAST, (speed[end], power[end], payload[end]), strict=True)),
+        "x_start": x[begin], "y_start": y[begin], "x_end": x[end], "y_end": y[end], "load": load,
+        "energy": energy, "soc_start": soc[begin], "soc_end": soc[end],
+        "on_road": np.add.reduceat((codes >= 0).view(np.int8), begin, dtype=np.int64),
+        "last_speed": speed[end], "last_power": power[end], "last_payload": payload[end],
     }  # fmt: skip
 
 
-def merge_split_trips(pieces: pd.DataFrame) -> pd.DataFrame:
-    """One row a trip, in order of vehicle and trip, where some were written in several pieces."""
-    trip = ["vehicle_id", "trip_id"]
-    trips = pieces.sort_values([*trip, "start"], ignore_index=True)
-    begin = np.flatnonzero(~trips.duplicated(trip))
-    if len(begin) < len(trips):
-        trips = _merged(trips, begin)
-    return trips[[c for c in pieces.columns if c not in LAST]]
+def contents_of(pieces: Iterable[Columns]) -> tuple[dict[str, int], str | None, str | None]:
+    """Rows by vehicle, and first and last time (UTC); None without rows."""
+    rows, pieces = Counter[str](), [p for p in pieces if p]
+    for piece in pieces:
+        for vehicle, number in zip(piece["vehicle_id"], piece["rows"].tolist(), strict=True):
+            rows[vehicle] += number
+    if not pieces:
+        return {}, None, None
+    ends = min(p["start"].min() for p in pieces), max(p["end"].max() for p in pieces)
+    start, end = (f"{np.datetime64(int(time), 'us')}Z" for time in ends)
+    return dict(rows), start, end
 
 
-def _merged(pieces: pd.DataFrame, begin: NDArray[np.intp]) -> pd.DataFrame:
-    """Sorted pieces as trips, which begin at the rows ``begin``; what a piece lacks its trip lacks."""
-    end = np.append(begin[1:], len(pieces)) - 1
-    column = {name: pieces[name].to_numpy() for name in pieces}
-    gap = np.append((pieces.start.shift(-1) - pieces.end).dt.total_seconds().to_numpy()[:-1], 0.0)
+def trips_of(pieces: Sequence[Columns]) -> pd.DataFrame:
+    """One row a trip, by vehicle and trip, from its pieces; rows without a trip as one of the number -1.
+
+    What a piece lacks its trip lacks.
+    """
+    import pandas as pd
+
+    pieces = [p for p in pieces if p]
+    if not pieces:
+        return pd.DataFrame({"vehicle_id": [], "trip_id": []})
+    table = pd.DataFrame({name: np.concatenate([p[name] for p in pieces]) for name in pieces[0]})
+    table = table.sort_values(["vehicle_id", "trip_id", "start"], ignore_index=True)
+    begin = np.flatnonzero(~table.duplicated(["vehicle_id", "trip_id"]))
+    end = np.append(begin[1:], len(table)) - 1
+    of = {name: table[name].to_numpy() for name in table}
+    gap = np.minimum(np.append(of["start"][1:] - of["end"][:-1], 0) * 1e-6, MAX_GAP)
     gap[end] = 0.0
-    gap = np.minimum(gap, MAX_GAP)
-    moves = np.where(column["last_speed"] > STANDING_SPEED, gap, 0.0)
+    moves = np.where(of["last_speed"] > STANDING_SPEED, gap, 0.0)
 
-    def add(values: Floats, last: str | None = None, time: Floats = gap) -> Floats:
+    def add(name: str, last: str, time: Floats = gap) -> Floats:
         """Sums over the pieces, and over the time from the last row of each to the next."""
-        between = 0.0 if last is None else np.where(time > 0.0, column[last] * time, 0.0)
-        return np.asarray(np.add.reduceat(values + between, begin))
+        between = np.where(time > 0.0, of[last] * time, 0.0)
+        return np.asarray(np.add.reduceat(of[name] + between, begin))
 
-    driven = column["driving_time"]
-    load = np.where(driven > 0.0, column["payload"] * driven, 0.0)
-    out = pieces.iloc[begin].reset_index(drop=True)
-    for name in ("end", "x_end", "y_end", "soc_end"):
-        out[name] = pieces[name].iloc[end].array
-    out["rows"] = np.add.reduceat(column["rows"], begin)
-    out["duration"] = (out.end - out.start).dt.total_seconds()
-    out["driving_time"] = add(driven + moves)
-    out["distance"] = add(column["distance"], "last_speed")
-    out["max_speed"] = np.maximum.reduceat(column["max_speed"], begin)
-    out["payload"] = add(load, "last_payload", moves) / out.driving_time.where(out.driving_time > 0.0)
-    out["energy"] = add(column["energy"], "last_power")
-    out["matched"] = add(column["matched"] * column["rows"]) / out.rows
-    return out
+    driven, rows = (np.add.reduceat(v, begin) for v in (of["driving_time"] + moves, of["rows"]))
+    start, stop = of["start"][begin], of["end"][end]
+    return pd.DataFrame({
+        "vehicle_id": of["vehicle_id"][begin], "trip_id": of["trip_id"][begin],
+        "start": pd.to_datetime(start, unit="us", utc=True), "end": pd.to_datetime(stop, unit="us", utc=True),
+        "rows": rows, "duration": (stop - start) * 1e-6, "driving_time": driven,
+        "distance": add("distance", "last_speed"), "max_speed": np.maximum.reduceat(of["max_speed"], begin),
+        "x_start": of["x_start"][begin], "y_start": of["y_start"][begin], "x_end": of["x_end"][end],
+        "y_end": of["y_end"][end],
+        "payload": add("load", "last_payload", moves) / np.where(driven > 0.0, driven, np.nan),
+        "energy": add("energy", "last_power"), "soc_start": of["soc_start"][begin],
+        "soc_end": of["soc_end"][end], "matched": np.add.reduceat(of["on_road"], begin) / rows,
+    })  # fmt: skip

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from fleetlog.core.columns import HIVE_NULL
 from fleetlog.core.site import Site, site_to_dict
@@ -25,11 +25,8 @@ from fleetlog.store.documents import write_json
 from fleetlog.store.events import Tables
 from fleetlog.store.output import PARTIALS, atomic_output, share
 from fleetlog.store.places import is_url, located, uploaded
-from fleetlog.store.trips import merge_split_trips, table_of, trip_columns
+from fleetlog.store.trips import Columns, contents_of, trip_pieces, trips_of
 from fleetlog.version import FORMAT_VERSION
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Kind = Literal["recorded", "simulated"]
 DAY = 86_400_000_000
@@ -39,28 +36,15 @@ SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]
 """Columns by which rows are selected: statistics of all columns would cost a fifth of writing."""
 
 
-@dataclass
-class Written:
-    """What is known of some rows, by vehicle; times [us]."""
+class Older(NamedTuple):
+    """What a dataset holds to which rows are added."""
 
-    rows: dict[str, int] = field(default_factory=dict)
-    first: dict[str, int] = field(default_factory=dict)
-    last: dict[str, int] = field(default_factory=dict)
-    columns: dict[str, str] = field(default_factory=dict)  # The unit of every column
-    trips: list[dict[str, NDArray[Any]]] = field(default_factory=list)
-    """Of rows that were just written; those of a dataset are in its table."""
-    next_trip: dict[str, int] = field(default_factory=dict)
-    """The first trip id that a vehicle of a dataset has not had."""
-    parts: dict[tuple[str, str], int] = field(default_factory=dict)  # Files by vehicle and date
+    last: dict[str, int]  # By vehicle the time of its last row [us]
+    next_trip: dict[str, int]  # The first trip id that a vehicle has not had
+    parts: dict[tuple[str, str], int]  # Files by vehicle and date
 
-    def add(self, other: Written) -> None:
-        """Take in what another writer has written, of other vehicles or later."""
-        for vehicle, rows in other.rows.items():
-            self.rows[vehicle] = self.rows.get(vehicle, 0) + rows
-        self.first = {**other.first, **self.first}
-        self.last |= other.last
-        self.columns |= {name: unit for name, unit in other.columns.items() if name not in self.columns}
-        self.trips += other.trips
+
+NOTHING = Older({}, {}, {})
 
 
 class DatasetWriter:
@@ -71,17 +55,16 @@ class DatasetWriter:
     out the same.
     """
 
-    def __init__(self, path: Path, kind: Kind, site: Site, before: Written | None = None) -> None:
-        self.path, self.kind, self.site = path, kind, site
-        self.old: Dataset | None = None
-        """The dataset that is added to; ``before`` is what it holds."""
-        self.before = before or Written()
+    def __init__(self, path: Path, kind: Kind, site: Site, before: Older = NOTHING) -> None:
+        self.path, self.kind, self.site, self.before = path, kind, site, before
+        self.old: Dataset | None = None  # That is added to; ``before`` is what it holds
         self.compression: Literal["zstd", "snappy"] = "zstd"
         self.provenance: dict[str, Any] = {}
         self.summary: dict[str, Any] = {}
         self.tables = Tables(path)
-        self.written = Written()
-        self._parts: dict[tuple[str, str], int] = {}
+        self.columns: dict[str, str] = {}  # The unit of every column written
+        self.pieces: list[Columns] = []  # Of the trips written
+        self._last, self._parts = dict(before.last), Counter(before.parts)
 
     @classmethod
     @contextmanager
@@ -118,7 +101,7 @@ class DatasetWriter:
             if not is_url(target):
                 for name in ("trajectories", PARTIALS):
                     share(old.path / name, scratch / name)
-            writer = cls(scratch, "recorded", old.site, _before(old))
+            writer = cls(scratch, "recorded", old.site, _older(old))
             writer.old = old
             yield writer
             writer.finish()
@@ -137,19 +120,15 @@ class DatasetWriter:
             self._check(replace(rows, vehicle_id=vehicle)[piece])
         table = to_arrow(rows, part=True)
         for one in table.schema:
-            self.written.columns.setdefault(one.name, (one.metadata or {}).get(b"unit", b"").decode())
+            self.columns.setdefault(one.name, (one.metadata or {}).get(b"unit", b"").decode())
         for vehicle, piece in zip(vehicles, pieces, strict=True):
             time = rows.time[piece]
             cuts = [0, *(np.flatnonzero(np.diff(time // DAY)) + 1).tolist(), each]
             for begin, end in itertools.pairwise(cuts):
-                self._write_part(
-                    vehicle, int(time[begin]) // DAY, table[piece.start + begin : piece.start + end]
-                )
-            self.written.first.setdefault(vehicle, int(time[0]))
-            self.written.last[vehicle] = int(time[-1])
-            self.written.rows[vehicle] = self.written.rows.get(vehicle, 0) + each
-        if rows.has("trip_id"):
-            self.written.trips.append(trip_columns(rows, vehicles))
+                part = table[piece.start + begin : piece.start + end]
+                self._write_part(vehicle, str(np.datetime64(int(time[begin]) // DAY, "D")), part)
+            self._last[vehicle] = int(time[-1])
+        self.pieces.append(trip_pieces(rows, vehicles))
 
     def _check(self, piece: Trajectory) -> None:
         piece.check()
@@ -157,14 +136,13 @@ class DatasetWriter:
         if vehicle == HIVE_NULL:
             do = "rename it: readers take it for unknown"
             raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
-        if piece.time[0] <= self.written.last.get(vehicle, self.before.last.get(vehicle, -(1 << 62))):
+        if piece.time[0] <= self._last.get(vehicle, -(1 << 62)):
             raise DataError(f"vehicle {vehicle}: rows are not later than those already written")
 
-    def _write_part(self, vehicle: str, day: int, table: pa.Table) -> None:
-        date = str(np.datetime64(day, "D"))
+    def _write_part(self, vehicle: str, date: str, table: pa.Table) -> None:
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
-        number = self._parts.get((vehicle, date), self.before.parts.get((vehicle, date), 0))
-        self._parts[vehicle, date] = number + 1
+        number = self._parts[vehicle, date]
+        self._parts[vehicle, date] += 1
         folder.mkdir(parents=True, exist_ok=True)
         with pa.OSFile(str(folder / f"part-{number:05d}.parquet"), "wb") as file:
             pq.write_table(
@@ -175,20 +153,28 @@ class DatasetWriter:
 
     def finish(self) -> None:
         """Write trips, site and description; :meth:`create` calls it."""
-        self._trips().to_parquet(self.path / "trips.parquet", index=False)
-        write_json(self.path / "site.json", site_to_dict(self.site))
-        whole, site = Written(columns={"vehicle_id": ""}), self.site
-        whole.add(self.before)
-        whole.add(self.written)
-        ends = (min(whole.first.values()), max(whole.last.values())) if whole.rows else ()
-        start, end = (f"{np.datetime64(time, 'us')}Z" for time in ends) if ends else (None, None)
+        import pandas as pd
+
+        trips, (rows, start, end), site = trips_of(self.pieces), contents_of(self.pieces), self.site
+        trips, columns = trips[trips.trip_id >= 0], {"vehicle_id": "", **self.columns}
+        if self.old is not None:
+            meta, older = self.old.meta, self.old.trips
+            rows = {v: rows.get(v, 0) + meta["vehicles"].get(v, 0) for v in {**meta["vehicles"], **rows}}
+            start = min((t for t in (meta["start"], start) if t), default=None)
+            end = max((t for t in (meta["end"], end) if t), default=None)
+            columns = {**meta["columns"], **columns}
+            if len(older):
+                trips = pd.concat([older, trips]) if len(trips) else older
+                trips = trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
+        trips.to_parquet(self.path / "trips.parquet", index=False)
+        write_json(self.path / "site.json", site_to_dict(site))
         frame = None if site.frame is None else asdict(site.frame)
         edges = 0 if site.network is None else len(site.network)
         description = {
             "format_version": FORMAT_VERSION, "kind": self.kind,
             "site": {"name": site.name, "frame": frame, "edges": edges},
-            "vehicles": dict(sorted(whole.rows.items())), "start": start, "end": end,
-            "rows": sum(whole.rows.values()), "columns": whole.columns, "provenance": self.provenance,
+            "vehicles": dict(sorted(rows.items())), "start": start, "end": end,
+            "rows": sum(rows.values()), "columns": columns, "provenance": self.provenance,
             "summary": self.summary,
         }  # fmt: skip
         if tables := self.tables.close():
@@ -196,31 +182,16 @@ class DatasetWriter:
         # Written last: a folder without it is no dataset.
         write_json(self.path / "dataset.json", description, indent=1)
 
-    def _trips(self) -> pd.DataFrame:
-        """All trips, those of the dataset that is added to among them."""
-        import pandas as pd
 
-        new = table_of(self.written.trips)
-        new = merge_split_trips(new) if len(new) else new
-        if self.old is None or not len(self.old.trips):
-            return new
-        trips = pd.concat([self.old.trips, new]) if len(new) else self.old.trips
-        return trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
-
-
-def _before(dataset: Dataset) -> Written:
+def _older(dataset: Dataset) -> Older:
     """What is known of a dataset before rows are added to it."""
-    rows, start = dict(dataset.meta["vehicles"]), dataset.meta["start"]
-    out = Written(rows, columns=dataset.meta["columns"])
-    out.parts = {day: len(dataset.parts(*day)) for day in dataset.vehicle_days}
-    if start is not None:
-        out.first = dict.fromkeys(rows, int(np.datetime64(start[:-1], "us").astype(np.int64)))
-    if len(dataset.trips):
-        by_vehicle = dataset.trips.groupby("vehicle_id")
-        end = by_vehicle.end.max().dt.tz_localize(None).astype("datetime64[us]").astype(np.int64)
-        out.last = dict(zip(end.index, end.tolist(), strict=True))
-        out.next_trip = dict(zip(end.index, (by_vehicle.trip_id.max() + 1).tolist(), strict=True))
-    return out
+    parts = {day: len(dataset.parts(*day)) for day in dataset.vehicle_days}
+    if not len(dataset.trips):
+        return Older({}, {}, parts)
+    trips = dataset.trips.groupby("vehicle_id")
+    end = trips.end.max().dt.tz_localize(None).astype("datetime64[us]").astype(np.int64)
+    last, following = ({str(v): int(n) for v, n in c.items()} for c in (end, trips.trip_id.max() + 1))
+    return Older(last, following, parts)
 
 
 @lru_cache(maxsize=64)

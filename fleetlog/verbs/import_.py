@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from typing import Annotated, Any, cast
 
+from fleetlog import scratch
 from fleetlog.api.answer import Answer, dataset_answer
-from fleetlog.api.inputs import as_path, as_site, existing, files_of, temporary
+from fleetlog.api.inputs import as_path, as_site, existing, files_of
 from fleetlog.api.kinds import LogsLike, PathLike, SiteLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between, PartOf
@@ -62,7 +63,7 @@ def import_(
     from fleetlog.ingest.pipeline import import_logs
     from fleetlog.store import DatasetWriter
 
-    target = temporary() / "dataset" if output is None else as_path(output)
+    target = scratch.folder() / "dataset" if output is None else as_path(output)
     inputs = files_of(*expanded(paths), site, profile)
     if append:
         writing = DatasetWriter.append(target, inputs=inputs)

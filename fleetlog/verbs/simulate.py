@@ -7,6 +7,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from fleetlog import scratch
 from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, dataset_answer, destination
 from fleetlog.api.kinds import DatasetLike, PathLike, PhysicsLike, SiteLike, TableLike, TruckLike
@@ -95,7 +96,7 @@ def simulate(
     if is_experiment(asked):
         return _experiment(asked, read)
     digested = [p for p in inputs.files_of(site, truck, tasks, physics) if p.is_file()]
-    target = inputs.temporary() / "dataset" if output is None else inputs.as_path(output)
+    target = scratch.folder() / "dataset" if output is None else inputs.as_path(output)
     create = partial(DatasetWriter.create, overwrite=overwrite, inputs=read)
     with create(target, "simulated", asked.site) as writer:
         writer.provenance = provenance(

@@ -4,8 +4,9 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
+from fleetlog import scratch
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import as_path, as_site, existing, files_of, temporary
+from fleetlog.api.inputs import as_path, as_site, existing, files_of
 from fleetlog.api.kinds import DatasetLike, PathLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between
@@ -36,7 +37,7 @@ def view(
     day : show this day of a dataset only (UTC, YYYY-MM-DD).
     """
     from fleetlog.store.output import atomic_output
-    from fleetlog.view import headless, viewer
+    from fleetlog.view import viewer
     from fleetlog.view.comparison import write_comparison
     from fleetlog.view.recording import RATE
 
@@ -54,13 +55,13 @@ def view(
     with written(screenshot, "picture") as picture, written(save, "recording") as kept:
         if beside is not None:
             notice("making the comparison")
-            rrd = kept or temporary() / "comparison.rrd"
+            rrd = kept or scratch.folder() / "comparison.rrd"
             write_comparison(source, existing(beside), rrd, rate_hz=rate or RATE, day=day)
         else:
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
             rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)
         if picture is not None:
-            headless.screenshot(rrd, picture, at=when)
+            viewer.screenshot(rrd, picture, at=when)
         elif kept is None:
             viewer.show(rrd)
     wrote = [str(as_path(p)) for p in (screenshot, save) if p is not None]
@@ -81,5 +82,5 @@ def _drawn(path: Path) -> Path:
         what = f"is a {summary['kind']}: nothing to draw"
         raise InputError(what, where=path, do="name a dataset, an analysis, a map, a site or a log")
     site = as_site(path)
-    target = temporary() / "site.rrd"
+    target = scratch.folder() / "site.rrd"
     return write_result_recording(Result(site.name, {}, lines=[line.strip() for line in lines]), site, target)

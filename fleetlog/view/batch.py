@@ -21,8 +21,8 @@ from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.view import palette, thin
 from fleetlog.view.clock import DAY, span_of
 from fleetlog.view.fleet import COLUMNS, CURVES, MIN_LOAD, Fleet, curve_style, heights, log_curve, quaternions
-from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body, truck_fork
 from fleetlog.view.palette import Colour
+from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body, truck_fork
 from fleetlog.view.stream import Stream, entity, ui_points
 
 Singles = NDArray[Any]  # float32: what the viewer keeps of a position anyway

@@ -19,8 +19,8 @@ from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import palette, thin
-from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF
 from fleetlog.view.palette import Colour
+from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF
 from fleetlog.view.stream import Stream, entity, ui_points
 
 CURVES = {"speed": ("speed", 1.0), "battery_power": ("power", 1e-3), "soc": ("soc", 100.0)}

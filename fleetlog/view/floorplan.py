@@ -11,7 +11,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Floats
 from fleetlog.view import palette, ribbons
 from fleetlog.view.extent import Extent, around, shapes_outline
-from fleetlog.view.scales import Scale, colour_map
+from fleetlog.view.palette import Scale, colour_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -211,7 +211,7 @@ def _scale_bar(axes: Axes) -> None:
 
 def _north_arrow(axes: Axes, rotation: float) -> None:
     """North is (sin, cos) of the rotation, by which the x axis is turned counter-clockwise from east."""
-    north, at = np.array([np.sin(rotation), np.cos(rotation)]), (0.955, 0.90)
+    north, at = np.array([np.sin(rotation), np.cos(rotation)]), (0.98, 0.90)
     arrow = {"arrowstyle": "-|>", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
     _say(axes, "", at, -26.0 * north, xycoords="axes fraction", arrowprops=arrow)
     bold: dict[str, Any] = {"va": "center", "fontsize": 8.5, "weight": "bold"}

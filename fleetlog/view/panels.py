@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,7 +41,7 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
     axes.margins(x=0)
     _lines(axes, "y")
     if len(names) > 1:
-        _legend(axes, len(names))
+        _legend(axes, names)
 
 
 def _over_time(axes: Axes, x: NDArray[Any], values: Floats, zone: str) -> tuple[NDArray[Any], Floats]:
@@ -91,7 +92,7 @@ def draw_bars(axes: Axes, bars: Bars) -> None:
     _lines(axes, "x")
     if bars.parts:
         axes.margins(x=0)
-        _legend(axes, len(bars.parts))
+        _legend(axes, list(bars.parts))
     if (more := len(bars.labels) - len(labels)) > 0:
         axes.text(1, 0, f"and {more} more", transform=axes.transAxes, ha="right", va="bottom", color=SOFT)
 
@@ -138,11 +139,17 @@ def _lines(axes: Axes, along: Any) -> None:
     axes.set_axisbelow(True)
 
 
-def _legend(axes: Axes, count: int) -> None:
-    """Between the title and the data, never on it; wholly inside the picture."""
-    columns = min(count, 4)
+def _legend(axes: Axes, names: Sequence[str]) -> None:
+    """Between the title and the data, never on it; in as many columns as there is room for over the axes."""
+    figure, place = axes.get_figure(root=True), axes.get_subplotspec()
+    assert figure is not None and place is not None
+    room = figure.get_figwidth() * len(place.colspan) / place.get_gridspec().ncols - 1.0
+    for columns in range(min(len(names), 4), 0, -1):
+        longest = [max(map(len, part)) for part in np.array_split(np.array(names, object), columns)]
+        if sum(0.33 + 0.055 * letters for letters in longest) < room:
+            break
     axes.title.set_y(1.0)
-    axes.set_title(axes.get_title(loc="left"), pad=8.0 + 13.0 * -(-count // columns), loc="left")
+    axes.set_title(axes.get_title(loc="left"), pad=8.0 + 13.0 * -(-len(names) // columns), loc="left")
     axes.legend(
         loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1, handlelength=1.2,
         columnspacing=1.2, handletextpad=0.5,

@@ -11,8 +11,8 @@ import numpy as np
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Spread
 from fleetlog.core.site import Site
 from fleetlog.view.floorplan import draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
+from fleetlog.view.palette import Scale, scales_of
 from fleetlog.view.panels import bars_height, draw_bars, draw_series, draw_spread
-from fleetlog.view.scales import Scale, scales_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,8 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
             first = len(heights) - -(-len(panels) // beside)
             for shown, across, row in ((maps, columns, 0), (panels, beside, first)):
                 for k, shape in enumerate(shown):
-                    spot = cells[row + k // across, k % 2 if across == 2 else slice(None)]
+                    alone = across == 1 or (shown is panels and k == len(shown) - 1 and k % 2 == 0)
+                    spot = cells[row + k // across, slice(None) if alone else k % 2]
                     _draw(figure.add_subplot(spot), shape, result, site)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})
     return Path(out_png)

@@ -10,7 +10,7 @@ from fleetlog.view import batch, blueprint, events
 from fleetlog.view.clock import SKIPPED, clock_of, opened, span_of
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.fleet import Fleet, curve_style, log_day
-from fleetlog.view.meshes import mesh3d, truck_body, truck_fork
+from fleetlog.view.ribbons import mesh3d, truck_body, truck_fork
 from fleetlog.view.scene import log_site, log_ways, ways_of
 from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 

@@ -13,8 +13,8 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.view import blueprint, palette, ribbons, thin
 from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
-from fleetlog.view.meshes import mesh3d
-from fleetlog.view.scales import Scale, scales_of, screen_colours
+from fleetlog.view.palette import Scale, scales_of, screen_colours
+from fleetlog.view.ribbons import mesh3d
 from fleetlog.view.scene import drawn_width, lane, log_site
 from fleetlog.view.stream import Stream, entity, open_stream, ui_points, verbatim
 

@@ -9,7 +9,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import Frame, Place, Site
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.view import palette, ribbons, thin
-from fleetlog.view.meshes import mesh3d
+from fleetlog.view.ribbons import mesh3d
 from fleetlog.view.stream import Stream, entity, ui_points
 
 DEFAULT_WIDTH = 3.5  # Drawn width of a road [m] whose map gives none

@@ -1,23 +1,32 @@
-"""The recording of what a user names: finding it, saying what it holds, starting the viewer on it."""
+"""The recording of what a user names: finding it, saying what it holds, showing it.
 
-import atexit
+Without a screen the real viewer opens it and paints by the processor (Mesa lavapipe).  All that fleetlog uses
+of ``rerun.experimental`` is here, because it may change with every release.
+"""
+
 import os
-import shutil
+import socket
 import subprocess
 import sys
 import tempfile
+import time
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from fleetlog.errors import InputError
+import numpy as np
+
+from fleetlog import scratch
+from fleetlog.errors import FleetlogError, InputError
 from fleetlog.store.places import is_url
-from fleetlog.view.headless import ViewerError, binary, environment, free_port
+from fleetlog.view.stream import TIMELINE
 
 AGAIN = "make it again from its dataset"
+WAIT = 60.0  # Longest wait for the viewer [s]
 
 
 def recording_of(
@@ -37,10 +46,8 @@ def recording_of(
 
     recording, description = path / "recording.rrd", path / "dataset.json"
     if is_url(path) or day is not None:
-        folder = tempfile.mkdtemp(prefix="fleetlog-")
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
         say(f"making the replay of {path}" + ("" if day is None else f" on {day}"))
-        return write_recording(path, Path(folder) / "recording.rrd", rate_hz=rate_hz or RATE, day=day)
+        return write_recording(path, scratch.folder() / "recording.rrd", rate_hz=rate_hz or RATE, day=day)
     there = recording.is_file()
     if not (there or description.is_file()):
         do = "name a dataset, an analysis or an .rrd file"
@@ -66,9 +73,8 @@ def nanoseconds_of(iso: str) -> int:
 
 def has_screen() -> bool:
     """Whether a window can be opened here."""
-    return sys.platform in ("win32", "darwin") or bool(
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    )
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return sys.platform in ("win32", "darwin") or bool(named)
 
 
 def show(rrd: Path) -> None:
@@ -113,3 +119,107 @@ def describe_recording(path: Path) -> dict[str, Any]:
     open_end = any("no footer" in str(w.message) for w in heard)
     damage = ["the recording was not closed: it has no footer"] if open_end else []
     return {"recordings": recordings, "blueprint": blueprints > 0, "damage": damage}
+
+
+class ViewerError(FleetlogError):
+    """The viewer cannot be started or does not answer."""
+
+
+def binary() -> Path:
+    """The native viewer; ``rerun`` on the path is a script whose end leaves it running."""
+    import rerun_cli  # type: ignore[import-untyped]  # the package carries no types
+
+    return Path(rerun_cli.__file__).with_name("rerun.exe" if os.name == "nt" else "rerun")
+
+
+def vulkan_missing() -> str | None:
+    """Why the viewer cannot draw without a screen here; None where it can."""
+    import ctypes.util
+
+    if ctypes.util.find_library("vulkan") is None:
+        return "no Vulkan library: install the packages libvulkan1 and mesa-vulkan-drivers"
+    folders = [Path(p) / "vulkan/icd.d" for p in ("/usr/share", "/etc", "/usr/local/share")]
+    named = os.environ.get("VK_ICD_FILENAMES") or os.environ.get("VK_DRIVER_FILES")
+    found = named or any(any(f.glob("*.json")) for f in folders)
+    return None if found else "no Vulkan driver: install the package mesa-vulkan-drivers"
+
+
+def environment(**more: str) -> dict[str, str]:
+    """Of a viewer that sends nothing about its use."""
+    return {**os.environ, "CI": "1", "RUST_LOG": "warn", **more}
+
+
+def free_port() -> int:
+    """A port of this machine that nobody listens on."""
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def span(client: Any) -> tuple[int, int]:
+    """First and last time [ns] of the active timeline of a running viewer."""
+    recording = client.get_state().recordings[0]
+    line = next(t for t in recording.timelines if t.name == recording.current_timeline)
+    return line.start, line.end
+
+
+def pause_at(client: Any, nanoseconds: int | None) -> None:
+    """Stop at a time of the clock, or in the middle of the active timeline."""
+    if nanoseconds is None:
+        line, middle = client.get_state().recordings[0].current_timeline, sum(span(client)) // 2
+    else:
+        line, middle = TIMELINE, nanoseconds
+    clock, passed = {"timestamp": np.datetime64(middle, "ns")}, {"duration": np.timedelta64(middle, "ns")}
+    client.set_time(line, play_state="paused", **(clock if line == TIMELINE else passed))
+
+
+@contextmanager
+def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Iterator[Any]:
+    """Rerun's client of a viewer that has ``rrd`` open and listens on this machine only.
+
+    :class:`ViewerError` where it cannot run.
+    """
+    from rerun.experimental import ViewerClient
+
+    if (why := vulkan_missing()) is not None:
+        raise ViewerError(f"cannot draw without a screen here: {why}")
+    port, quiet = free_port(), subprocess.DEVNULL
+    command = [
+        str(binary()), "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size",
+        f"{size[0]}x{size[1]}", "--hide-welcome-screen", "--memory-limit", "4GB", str(rrd),
+    ]  # fmt: skip
+
+    with tempfile.TemporaryDirectory(dir=scratch.folder()) as home:
+        own = environment(HOME=home, XDG_RUNTIME_DIR=home)
+        process = subprocess.Popen(command, env=own, stdout=quiet, stderr=quiet)
+        try:
+            deadline, opened = time.monotonic() + WAIT, False
+            while not opened:
+                if process.poll() is not None or time.monotonic() > deadline:
+                    what, do = f"the viewer did not open {rrd}", "see that Vulkan works here (vulkaninfo)"
+                    raise ViewerError(what, do=do)
+                time.sleep(0.1)
+                with suppress(ConnectionError):
+                    client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+                    state = client.get_state()
+                    opened = state.recordings and state.recordings[0].timelines and not state.loading
+            yield client
+        finally:
+            process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(20)
+            process.kill()
+            process.wait()
+
+
+def screenshot(rrd: str | Path, out: str | Path, *, at: int | None = None, settle: float = 7.0) -> Path:
+    """The whole window as PNG, at time ``at`` [ns] (the middle of the recording by default).
+
+    ``settle`` seconds are given to load, and to let the notices of the viewer fade.
+    """
+    with open_headless(rrd) as client:
+        pause_at(client, at)
+        client.take_screenshot()
+        time.sleep(settle)
+        Path(out).write_bytes(client.take_screenshot())
+    return Path(out)

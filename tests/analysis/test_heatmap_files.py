@@ -9,8 +9,7 @@ import pytest
 from fleetlog.analysis.heatmap import heatmap
 from fleetlog.core.result import Grid
 from fleetlog.core.site import Frame
-from fleetlog.store.geotiff import transformation, write_geotiff
-from fleetlog.store.results import write_result
+from fleetlog.store.results import transformation, write_geotiff, write_result
 
 VALUES = np.array([[1.0, 2.0, 3.0], [4.0, np.nan, 6.0]])
 GRID = Grid("heat", VALUES, 10.0, 20.0, 2.0, "time [s/m²]")

@@ -89,7 +89,7 @@ def test_a_folder_of_other_files_is_left_alone(days, site, tmp_path):
 
 
 def test_one_more_day_costs_one_day(days, site, tmp_path, monkeypatch):
-    from fleetlog.store import partials
+    from fleetlog.store import days as partials
 
     monkeypatch.setattr(partials, "FROM_ROWS", 0)
     old = first_day(days, site, tmp_path / "d")

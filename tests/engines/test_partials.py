@@ -11,9 +11,10 @@ from hypothesis.extra import numpy as some
 
 from fleetlog.analysis.density import density
 from fleetlog.analysis.energy import energy
-from fleetlog.store import Dataset, partials
+from fleetlog.store import Dataset
+from fleetlog.store import days as partials
+from fleetlog.store.days import encode, pack, unpack
 from fleetlog.store.output import share
-from fleetlog.store.partials import encode, pack, unpack
 
 
 @dataclass(frozen=True)

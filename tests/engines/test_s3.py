@@ -68,7 +68,7 @@ def test_import_append_analyze_view(bucket, days, project_root, truck, tmp_path)
 
 def test_partial_results_are_kept_in_the_bucket(bucket, monkeypatch):
     from fleetlog.analysis.stops import stops
-    from fleetlog.store import partials
+    from fleetlog.store import days as partials
 
     monkeypatch.setattr(partials, "FROM_ROWS", 0)
     data = Dataset(f"{bucket}/recorded")

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.ingest import clean
-from fleetlog.ingest.between import fill_positions, interpolated, join_channels, release_held
-from fleetlog.ingest.order import Order, run_starts
+from fleetlog.ingest.derive import fill_positions, interpolated, join_channels, release_held
+from fleetlog.ingest.reading import Order, run_starts
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, join
 

@@ -16,7 +16,8 @@ from fleetlog.core.network import Edge, build_network
 from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import DataError
-from fleetlog.ingest import spill, stretch
+from fleetlog.ingest import rows as spill
+from fleetlog.ingest import stretch
 from fleetlog.ingest.pipeline import import_logs
 from fleetlog.ingest.summary import ImportSummary
 from fleetlog.store import Dataset, DatasetWriter

@@ -139,11 +139,11 @@ def test_what_is_no_dataset_says_so(tmp_path):
 
 
 def test_trips_cover_all_rows_and_energy():
-    from fleetlog.store.trips import table_of, trip_columns, trip_ids
+    from fleetlog.store.trips import trip_ids, trip_pieces, trips_of
 
     t = drive()
     t = t.with_columns(trip_id=trip_ids(t))
-    trips = table_of([trip_columns(t)])
+    trips = trips_of([trip_pieces(t)])
     assert len(trips) > 3 and trips.rows.sum() == len(t)
     between = (np.diff(t.trip_ids()) != 0).sum()
     assert trips.energy.sum() == pytest.approx(1000.0 * (len(t) - 1 - between))
@@ -154,7 +154,7 @@ def test_trips_cover_all_rows_and_energy():
 )
 @settings(max_examples=20, deadline=None)
 def test_trips_do_not_depend_on_the_pieces_they_are_written_in(cuts, unknown):
-    from fleetlog.store.trips import LAST, merge_split_trips, table_of, trip_columns
+    from fleetlog.store.trips import trip_pieces, trips_of
 
     rng = np.random.default_rng(5)
     n = 60
@@ -165,9 +165,8 @@ def test_trips_do_not_depend_on_the_pieces_they_are_written_in(cuts, unknown):
     columns["trip_id"] = np.repeat([0, 1, 2], 20)
     rows = Trajectory("T1", np.cumsum(rng.integers(1, 90, n)) * 1_000_000, columns)
     ends = [0, *sorted(cuts), n]
-    pieces = [trip_columns(rows[a:b]) for a, b in pairwise(ends)]
-    whole = table_of([trip_columns(rows)]).drop(columns=list(LAST))
-    merged = merge_split_trips(table_of(pieces))
+    pieces = [trip_pieces(rows[a:b]) for a, b in pairwise(ends)]
+    whole, merged = trips_of([trip_pieces(rows)]), trips_of(pieces)
     assert list(whole) == list(merged)
     for name in whole:
         if whole[name].dtype.kind == "f":

@@ -71,7 +71,7 @@ def write_fleet(path: Path, site: Site, vehicles: int = 3, **leave_out: bool) ->
     return path
 
 
-def complaints(viewer: Any) -> list[str]:
+def complaints(client: Any) -> list[str]:
     """What any view of a running viewer reports, and errors of its log."""
-    reports = [f"{v.name}: {r.summary}" for v in viewer.state.views for r in v.reports]
-    return reports + [str(line.message) for line in viewer.client.get_logs() if line.level == "ERROR"]
+    reports = [f"{v.name}: {r.summary}" for v in client.get_state().views for r in v.reports]
+    return reports + [str(line.message) for line in client.get_logs() if line.level == "ERROR"]

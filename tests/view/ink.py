@@ -8,23 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.view.headless import Viewer
-
 INK = 5e-4
 """Share of coloured points from which a view counts as drawn: frames, grids and axis texts are grey."""
 
 
-def views(viewer: Viewer) -> dict[str, Any]:
+def views(client: Any) -> dict[str, Any]:
     """Views by name."""
-    return {v.name: v for v in viewer.state.views}
+    return {v.name: v for v in client.get_state().views}
 
 
-def is_drawn(viewer: Viewer, name: str) -> bool:
+def is_drawn(client: Any, name: str) -> bool:
     """Whether a view gets ink within a while, as data arrive late."""
-    viewer.picture()
-    view = views(viewer)[name].view_id
+    client.take_screenshot()
+    view = views(client)[name].view_id
     deadline = time.monotonic() + 15.0
-    while colour_ink(bytes(viewer.client.take_screenshot(view))) <= INK:
+    while colour_ink(bytes(client.take_screenshot(view))) <= INK:
         if time.monotonic() > deadline:
             return False
         time.sleep(0.2)

@@ -13,8 +13,8 @@ from ink import INK, colour_ink
 
 from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
-from fleetlog.view import headless, viewer
-from fleetlog.view.headless import ViewerError
+from fleetlog.view import viewer
+from fleetlog.view.viewer import ViewerError
 
 
 def run(*arguments: str) -> str:
@@ -82,10 +82,10 @@ def test_times(dataset: Path) -> None:
 
 
 @pytest.mark.skipif(
-    headless.vulkan_missing() is not None, reason=f"the viewer cannot draw here: {headless.vulkan_missing()}"
+    viewer.vulkan_missing() is not None, reason=f"the viewer cannot draw here: {viewer.vulkan_missing()}"
 )
 def test_screenshot(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(headless.screenshot.__kwdefaults__, "settle", 2.0)
+    monkeypatch.setitem(viewer.screenshot.__kwdefaults__, "settle", 2.0)
     out = tmp_path / "shot.png"
     run(str(dataset), "--screenshot", str(out), "--at", "2026-03-02T06:01:18")
     assert colour_ink(out.read_bytes()) > 5 * INK

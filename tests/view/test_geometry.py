@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleetlog.view import meshes, ribbons
+from fleetlog.view import ribbons
 from fleetlog.view.blueprint import FIELD_OF_VIEW, fitted
 
 
@@ -80,15 +80,15 @@ def test_arrows_point_along_the_road() -> None:
 
 
 def test_faces_of_a_box_look_outward() -> None:
-    faces, _ = meshes.box((-1, -2, 0), (1, 2, 3), (9, 9, 9))
+    faces, _ = ribbons.box((-1, -2, 0), (1, 2, 3), (9, 9, 9))
     centres = faces.mean(axis=1) - np.array([0, 0, 1.5])
-    mesh = meshes.mesh3d([(faces, (9, 9, 9))])
+    mesh = ribbons.mesh3d([(faces, (9, 9, 9))])
     normals = np.array(mesh.vertex_normals.as_arrow_array().to_pylist())
     assert ((normals[::3] * centres).sum(axis=1) > 0).all()
 
 
 def test_truck_is_as_large_as_a_truck() -> None:
-    parts = [*meshes.truck_body((1, 2, 3)), *meshes.truck_fork()]
+    parts = [*ribbons.truck_body((1, 2, 3)), *ribbons.truck_fork()]
     vertices = np.concatenate([faces.reshape(-1, 3) for faces, _ in parts])
     size = np.ptp(vertices, axis=0)
     assert 3.2 < size[0] < 4.0 and 1.0 < size[1] < 1.4 and 2.0 < size[2] < 2.5

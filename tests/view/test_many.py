@@ -10,7 +10,7 @@ import rrd
 from fixtures_view import START, drive, plant, write_fleet
 
 from fleetlog.store import DatasetWriter
-from fleetlog.view import headless, recording
+from fleetlog.view import recording, viewer
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_trucks_of_different_hours(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(
-    headless.vulkan_missing() is not None, reason=f"the viewer cannot draw here: {headless.vulkan_missing()}"
+    viewer.vulkan_missing() is not None, reason=f"the viewer cannot draw here: {viewer.vulkan_missing()}"
 )
 def test_crowd_is_drawn(crowd: tuple[Path, Path]) -> None:
     from test_viewer import assert_drawn

@@ -31,10 +31,10 @@ from fleetlog.core.result import (
 )
 from fleetlog.core.site import Site
 from fleetlog.errors import OutputError
+from fleetlog.view.palette import scale_of, scales_of, screen_colours
 from fleetlog.view.panels import draw_spread
 from fleetlog.view.picture import write_picture
 from fleetlog.view.results import write_result_recording
-from fleetlog.view.scales import scale_of, scales_of, screen_colours
 
 EMPTY: list[Shape] = [
     Grid("g", np.full((3, 4), np.nan), 0, 0, 1, "s"),

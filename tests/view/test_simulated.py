@@ -19,7 +19,7 @@ from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.events import TABLES, read_table
-from fleetlog.view import events, headless, recording
+from fleetlog.view import events, recording, viewer
 from fleetlog.view.comparison import write_comparison
 
 TRUCKS = 4
@@ -154,16 +154,16 @@ def test_side_by_side_with_another_fleet(sim: SimpleNamespace, tmp_path: Path) -
         assert {f"/{fleet}/{kind}/{vehicle}" for kind in ("tasks", "reserved", "state")} <= found
 
 
-@pytest.mark.skipif(headless.vulkan_missing() is not None, reason="the viewer cannot draw here")
+@pytest.mark.skipif(viewer.vulkan_missing() is not None, reason="the viewer cannot draw here")
 def test_a_simulation_is_drawn(sim: SimpleNamespace) -> None:
-    with headless.open_headless(sim.out, (1200, 800)) as viewer:
-        start, _ = viewer.span()
-        viewer.pause_at(start + 150_000_000_000)
-        assert [v for v in views(viewer) if v.startswith("Open tasks")]
-        for name in views(viewer):
+    with viewer.open_headless(sim.out, (1200, 800)) as client:
+        start, _ = viewer.span(client)
+        viewer.pause_at(client, start + 150_000_000_000)
+        assert [v for v in views(client) if v.startswith("Open tasks")]
+        for name in views(client):
             if name.startswith(("Activities", "Open tasks", "Plan")):
-                assert is_drawn(viewer, name), name
-        assert not complaints(viewer)
+                assert is_drawn(client, name), name
+        assert not complaints(client)
 
 
 def test_a_line_is_reduced_to_what_its_tolerance_needs() -> None:

@@ -11,22 +11,22 @@ from fixtures_view import START, complaints, plant
 from ink import colour_ink, is_drawn, views
 from shapes import every_shape
 
-from fleetlog.view import headless
+from fleetlog.view import viewer
 from fleetlog.view.results import write_result_recording
 
-WHY = headless.vulkan_missing()
+WHY = viewer.vulkan_missing()
 needs_vulkan = pytest.mark.skipif(WHY is not None, reason=f"the viewer cannot draw here: {WHY}")
 TEXT = {"Summary", "Answer"}
 
 
 def assert_drawn(rrd: Path, second: float, expected: set[str]) -> None:
-    with headless.open_headless(rrd, (1200, 800)) as viewer:
-        assert viewer.state.recordings[0].current_timeline == "utc"
-        assert set(views(viewer)) == expected
-        viewer.pause_at((START + int(second * 1e6)) * 1000)
-        blank = [name for name in expected - TEXT if not is_drawn(viewer, name)]
+    with viewer.open_headless(rrd, (1200, 800)) as client:
+        assert client.get_state().recordings[0].current_timeline == "utc"
+        assert set(views(client)) == expected
+        viewer.pause_at(client, (START + int(second * 1e6)) * 1000)
+        blank = [name for name in expected - TEXT if not is_drawn(client, name)]
         assert not blank, f"nothing is drawn in {blank}"
-        assert not complaints(viewer)
+        assert not complaints(client)
 
 
 @needs_vulkan
@@ -60,8 +60,8 @@ def test_ink_tells_a_drawn_view_from_a_blank_one() -> None:
 def test_missing_vulkan_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("ctypes.util.find_library", lambda name: None)
     with (
-        pytest.raises(headless.ViewerError, match="mesa-vulkan-drivers") as error,
-        headless.open_headless(tmp_path / "x.rrd"),
+        pytest.raises(viewer.ViewerError, match="mesa-vulkan-drivers") as error,
+        viewer.open_headless(tmp_path / "x.rrd"),
     ):
         pass
     assert "\n" not in error.value.line()
@@ -69,4 +69,4 @@ def test_missing_vulkan_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 
 def test_viewer_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CI", raising=False)
-    assert headless.environment()["CI"] == "1" and os.environ.get("CI") is None
+    assert viewer.environment()["CI"] == "1" and os.environ.get("CI") is None
