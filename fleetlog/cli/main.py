@@ -7,7 +7,6 @@ import sys
 import warnings
 from contextlib import suppress
 from io import StringIO, TextIOWrapper
-from pathlib import Path
 
 import click
 
@@ -35,15 +34,10 @@ def entry() -> None:
         os.environ.setdefault("RUST_LOG", "off")
         warnings.simplefilter("ignore")
         logging.disable(logging.WARNING)
-    own = find_place()
     status = _finished(_status())
     interrupt.ignore()
     if status == EXIT_INTERRUPTED:
         # An interrupt inside an import's exec() makes the interpreter die by the signal, whatever the status.
-        if own is not None:
-            import shutil
-
-            shutil.rmtree(own, ignore_errors=True)
         os._exit(status)
     sys.exit(status)
 
@@ -60,34 +54,6 @@ def _open_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-
-
-def find_place() -> str | None:
-    """Set ``NUMBA_CACHE_DIR`` to a folder of this run where numba's own choices cannot be written.
-
-    Its name cannot be foreseen: numba loads what lies in it.
-    """
-    # Path.expanduser raises where there is no home.
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111
-    if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent) or _writable(Path(home)):
-        return None
-    import atexit
-    import shutil
-    import tempfile
-
-    folder = tempfile.mkdtemp(prefix="fleetlog-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    os.environ["NUMBA_CACHE_DIR"] = folder
-    return folder
-
-
-def _writable(folder: Path) -> bool:
-    """Whether ``folder``, or the nearest one above it that exists, can be written."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    # Kernel file systems let the superuser pass the question and then refuse.
-    kernel = folder.parts[:2] in (("/", "proc"), ("/", "sys"))
-    return os.access(folder, os.W_OK | os.X_OK) and not kernel
 
 
 def _finished(status: int) -> int:

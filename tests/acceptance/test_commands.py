@@ -239,21 +239,3 @@ def test_the_recorded_plants_come_in_whole(run: Run, shared_data: Path, tmp_path
     )
     said = done.json
     assert done.status == 0 and said["rows"] == said["rows_read"] > 40_000 and said["matched"] > 0.99
-
-
-def test_kernels_have_a_place_where_nothing_else_can_be_written(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    from fleetlog.cli import main
-
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    main.find_place()
-    assert "NUMBA_CACHE_DIR" not in os.environ  # a usual installation is left alone
-    monkeypatch.setattr(main, "_writable", lambda _folder: False)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "theirs")
-    main.find_place()
-    assert os.environ["NUMBA_CACHE_DIR"] == "theirs"
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    main.find_place()
-    place = Path(os.environ["NUMBA_CACHE_DIR"])
-    assert place.is_dir() and not list(place.iterdir()) and place.stat().st_mode & 0o077 == 0
