@@ -19,7 +19,6 @@ from fleetlog.core.arguments import Between, Named, PartOf
 from fleetlog.errors import ArgumentError, nearest
 
 F = TypeVar("F", bound=Callable[..., Any])
-Fill = Callable[[dict[str, Any]], dict[str, Any]]
 SHARED = {
     "dataset": "A dataset: its folder; in Python also a Dataset, a Result or a DataFrame.",
     "site": "Site file, or a road map directly.",
@@ -152,11 +151,14 @@ JOBS = (
 """Where jobs run."""
 
 
+Fill = Callable[[dict[str, Any], dict[str, Option]], dict[str, Any]]
+
+
 class Verb:
     """A callable with checked arguments.
 
-    ``fill`` adds arguments to those that were given (a file's, say).  ``added`` are options that the function
-    does not take itself.
+    ``fill`` takes what was given and the options by name, and adds arguments (a file's, say).  ``added`` are
+    options that the function does not take itself.
     """
 
     def __init__(
@@ -195,7 +197,7 @@ class Verb:
             raise TypeError(f"{self.name}() has no argument {name!r}; {nearest(name, known)}")
         given = self.__signature__.bind_partial(*args, **options).arguments
         if self.fill is not None:
-            given = self.fill(given)
+            given = self.fill(given, known)
         for option in known.values():
             if option.default is REQUIRED and option.name not in given:
                 raise ArgumentError(f"{option.spelling} is missing")

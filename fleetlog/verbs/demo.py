@@ -9,8 +9,7 @@ from typing import Any
 
 import fleetlog
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import as_path
-from fleetlog.api.kinds import PathLike
+from fleetlog.api.inputs import PathLike, as_path
 from fleetlog.api.verb import verb
 from fleetlog.listening import notice
 from fleetlog.store.output import atomic_output
