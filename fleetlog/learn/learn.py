@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
 from fleetlog.core.site import Site
+from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import SIDE, Cells, gather, moving
 from fleetlog.learn.compare import proposals, sentence
@@ -134,9 +135,10 @@ def _result(
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
     lines = [
-        f"{roads} roads, {oneway} of them one-way, {nodes} nodes, {metres:,.0f} m of directed edges",
-        f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
-        f"{len(places)} places{told}; {len(site.zones)} slow zones",
+        f"{count(roads, 'road')}, {oneway} of them one-way, {count(nodes, 'junction')}, "
+        f"{metres:,.0f} m of directed edges",
+        f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows are on these roads",
+        f"{count(len(places), 'place')}{told}; {count(len(site.zones), 'slow zone')}",
         *map(sentence, lacking[:8]),
     ]
     if len(lacking) > 8:
