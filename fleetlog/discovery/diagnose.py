@@ -125,9 +125,8 @@ def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault])
     once = any(e.problem.split.once for e in explained.values())
     unexplained = [n for n, e in explained.items() if e.unexplained]
     adjustments = [a for e in explained.values() for a in e.adjustments]
-    return Verdict(
-        [e.fit for e in explained.values()], order, adjustments, unexplained, absences(fleet, once)
-    )
+    notes = absences(fleet, once) + [n for e in explained.values() for n in e.problem.channel.notes()]
+    return Verdict([e.fit for e in explained.values()], order, adjustments, unexplained, notes)
 
 
 def _check(given: Sequence[str], known: Iterable[str], what: str) -> None:

@@ -62,7 +62,7 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
     before = refit(problem, base, [h for h in kept if h not in told])
     named = [h for h in kept if h in told]
     beside = {h: refit(problem, final.model, [*kept, h], steps=1) for h in told if h.term is None}
-    fit, judged = judge(problem, before.model, final.model, {h: without(final, h) for h in named}, beside)
+    fit, judged, rest = judge(problem, before.model, final, {h: without(final, h) for h in named}, beside)
     if found.best_untold is not None:
         # The strongest single hypothesis beside the base, whatever came of it: its p-value is uniform where
         # nothing is concealed.
@@ -86,7 +86,7 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
     small = {k: n for k, n in numbers.items() if k not in taken and k in final.model.at}
     return Explained(
         problem, before.model, after, fit, order, [_adjustment(channel, k, n) for k, n in small.items()],
-        values, numbers, _above_floor(problem, fit),
+        values, numbers, rest is not None and _above_floor(problem, rest, fit.floor),
     )  # fmt: skip
 
 
@@ -113,13 +113,13 @@ def _within_tolerance(base: Model, numbers: dict[Knob, Parameter], h: Hypothesis
     return above if found.value > nominal else found.high >= nominal - allowed
 
 
-def _above_floor(problem: Problem, fit: ChannelFit) -> bool:
-    """Whether more than noise, and something material, is left."""
-    if fit.after is None or fit.floor is None:
+def _above_floor(problem: Problem, rest: float, floor: float | None) -> bool:
+    """Whether an error beside what sampling hides has more than noise, and something material."""
+    if floor is None:
         return False
-    left = np.sqrt(max(fit.after**2 - fit.floor**2, 0.0))
+    left = np.sqrt(max(rest**2 - floor**2, 0.0))
     least = max(problem.settings.material, problem.channel.model_error)
-    return bool(left > least and fit.after > problem.settings.at_floor * fit.floor)
+    return bool(left > least and rest > problem.settings.at_floor * floor)
 
 
 def _numbers(joint: Joint, error: Floats) -> dict[Knob, Parameter]:

@@ -33,7 +33,8 @@ def clean(seed: int) -> tuple[float, int]:
             recording=False, output=day,
         )  # fmt: skip
         found = diagnose(Dataset(day), load_truck(SAMPLE / "truck.toml"), channels=("battery_power",)).verdict
-        return found.channels[0].p_value or 1.0, len(found.findings)
+        p = found.channels[0].p_value
+        return 1.0 if p is None else p, len(found.findings)
 
 
 def main() -> None:

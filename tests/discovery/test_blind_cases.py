@@ -42,15 +42,8 @@ def diagnosed(shared_data: Path, tmp_path_factory: pytest.TempPathFactory):
     return run
 
 
-HUNTING = pytest.mark.xfail(
-    strict=True,
-    reason="trucks that hunt for their speed in slow corners swing faster than the log samples: what that costs is told "
-    "as the floor of two roads beside the right answer",
-)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("case", [pytest.param(c, marks=HUNTING) if c == "cornering" else c for c in CASES])
+@pytest.mark.parametrize("case", CASES)
 def test_the_key_is_found(case: str, diagnosed, shared_data: Path) -> None:
     found = diagnosed(case)
     key = json.loads((shared_data / "blind" / case / "key.json").read_text())

@@ -14,6 +14,7 @@ from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Chassis, Truck
 from fleetlog.discovery.channels.evaluate import Evaluation
+from fleetlog.discovery.channels.paths import kinks
 from fleetlog.discovery.hypotheses.squares import make_squares
 from fleetlog.discovery.hypotheses.stretches import make_stretches
 from fleetlog.discovery.recording import windows
@@ -44,6 +45,26 @@ def drive(rows: int = 600, seed: int = 0, step: float = 1.0) -> Trajectory:
     track = Trajectory("T", (t * 1e6).astype(np.int64), columns)
     b = block(track, 0, None, TRUCK)
     return track.with_columns(battery_power=b.rows(battery_power(b.motion, Physics(TRUCK))))
+
+
+def bent(angle: float):
+    """A road of two straights of 20 m that meet at an angle [rad], one way."""
+    end = [20.0 + 20.0 * np.cos(angle), 20.0 * np.sin(angle), 0.0]
+    return build_network([Edge("a", "n0", "n1", np.array([[0.0, 0, 0], [20.0, 0, 0], end]), "a", 3.0)])
+
+
+@pytest.mark.parametrize("angle", [0.06, -0.3])
+def test_a_kink_of_the_map_is_one_turn_within_a_metre(angle: float) -> None:
+    """The curvature of a truck that follows the line turns it by the angle of the kink, and nowhere else."""
+    s = np.arange(0.005, 40.0, 0.01)
+    curvature = kinks(bent(angle), np.zeros(len(s), int), s)
+    assert (curvature * 0.01).sum() == pytest.approx(abs(angle), rel=0.02)
+    assert (np.abs(s[curvature > 0.0] - 20.0) < 0.51).all()
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.2])
+def test_straights_have_no_kinks_and_corners_are_rounded(angle: float) -> None:
+    assert not kinks(bent(angle), np.zeros(50, int), np.linspace(0.0, 40.0, 50)).any()
 
 
 def test_windows_keep_the_energy_and_never_straddle_a_trip() -> None:

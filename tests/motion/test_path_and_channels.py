@@ -50,6 +50,22 @@ def test_corners_add_up_to_their_angle_and_are_rounded(rate: float) -> None:
         assert motion.curvature[50] == 0.0
 
 
+@pytest.mark.parametrize("angle", [1e-9, 1e-7, 1.1e-6, 3e-6, 1e-4, 1e-2])
+def test_a_road_drawn_in_many_pieces_is_as_long_as_the_road(angle: float) -> None:
+    """The line swings by an angle [rad] at every vertex; what rounding saves is no more than the swing itself."""
+    side = np.array([0.0, 1.0] * 15)
+    points = np.column_stack([3.5 * np.arange(30.0), 1.75 * angle * side, np.zeros(30)])
+    network = build_network([Edge("a", "n0", "n1", points, "a", 3.0)])
+    way = np.arange(1.0, 100.0)
+    track = Trajectory("T", seconds(len(way), 1.0), {
+        "x": way.copy(), "y": np.zeros(len(way)), "edge_id": Labels(np.zeros(len(way), np.int32), network.edge_ids),
+        "edge_offset": way,
+    })  # fmt: skip
+    motion = reconstruct(track, network).motion
+    driven = (motion.speed * motion.dt)[(motion.time >= 10.0) & (motion.time < 90.0)].sum()
+    assert driven == pytest.approx(80.0, rel=1e-3)
+
+
 def test_slope_of_the_map() -> None:
     road = long_road(climb=0.05)
     truth = shuttle(100.0, 1.0, 1)

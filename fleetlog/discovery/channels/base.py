@@ -112,6 +112,10 @@ class Channel(ABC):
     def errors(self) -> list[ErrorSource]:
         """Return what sampling hides."""
 
+    def notes(self) -> list[str]:
+        """Return what a reader should know of what the recording hides from the channel."""
+        return []
+
     @abstractmethod
     def lost(self, model: Model) -> Lost | None:
         """Return what other vehicles cost beyond a model; None where the channel cannot see that."""

@@ -13,7 +13,7 @@ from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses import curves
 from fleetlog.discovery.hypotheses.curves import FreeCurve
 from fleetlog.discovery.hypotheses.sources import ErrorSource, Source
-from fleetlog.discovery.hypotheses.stretches import Cells
+from fleetlog.discovery.hypotheses.stretches import Cells, Stretches
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording import windows
 from fleetlog.discovery.recording.blocks import Block, joined
@@ -31,8 +31,10 @@ STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 """Share of a window from which on it is a standstill, and up to which it is none; power above the usual that
 shows hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
 LEAST_SWING = 1.0  # Rows that scatter by less than this [W] are as good as a logger writes them
+MOST_HUNTED = 6  # Roads on which trucks may hunt for their speed in a way of their own
 LEAP = 0.005  # A rise of the charge from row to row that no braking gives
-ERRORS = (ErrorSource("sampling", 0.5), ErrorSource("ripple", 2.0), ErrorSource("lag", 0.15))
+RIPPLE = ErrorSource("ripple", 2.0)
+ERRORS = (ErrorSource("sampling", 0.5), RIPPLE, ErrorSource("lag", 0.15))
 """What sampling hides: accelerations between rows (0: what is expected, 1: what is likeliest), power that
 swings within them (1: as far as from row to row), and a clock a little late [s]."""
 
@@ -48,6 +50,7 @@ class EnergyChannel(Channel):
     places: Cells | None
     measured: bool = False
     charge_step: float = 0.0  # Step in which the state of charge is logged
+    hunted: tuple[int, ...] = ()  # Roads on which power swings within rows in a way of their own
 
     @property
     def metric(self) -> str:
@@ -101,7 +104,27 @@ class EnergyChannel(Channel):
         alike = (0.5 if self.measured else 1.0) * settings.alike
         self.model_error = max(settings.model_error, alike * hidden)
         self.place_error = settings.gathers * self.model_error
+        self.hunted = self._hunted(split, settings)
         return hidden
+
+    def _hunted(self, split: Split, settings: Settings) -> tuple[int, ...]:
+        """The roads whose energy hangs on how far power swings within rows: there trucks hunt for their
+        speed, and how much that costs differs from road to road."""
+        if self.measured or not isinstance(self.places, Stretches):
+            return ()
+        swings, energy, count = *np.zeros((2, len(self.places.network))), 0
+        for unit in self.units():
+            use = unit.whole & (split.fold(unit.windows) != HELD_OUT) & (unit.windows.edge >= 0)
+            road = self.places.road(unit.windows.edge[use])
+            ripple = self.columns(unit, self.base, [RIPPLE])[1][use, 0]
+            swings += np.bincount(road, ripple**2, len(swings))
+            energy += np.bincount(road, unit.recorded[use] ** 2, len(swings))
+            count += int(use.sum())
+            if count >= settings.sample:
+                break
+        worst = np.argsort(-swings)[:MOST_HUNTED]
+        material = RIPPLE.spread**2 * swings > self.place_error**2 * energy
+        return tuple(int(r) for r in worst if material[r])
 
     def _thinned(self, unit: Unit, rare: Block) -> Floats:
         """(W,) the residual of the nominal model [kJ] on every second row alone, less that on all rows."""
@@ -199,7 +222,15 @@ class EnergyChannel(Channel):
 
     def errors(self) -> list[ErrorSource]:
         """Return what sampling hides; nothing where power is measured itself."""
-        return [] if self.measured else list(ERRORS)
+        if self.measured:
+            return []
+        return [*ERRORS, *(replace(RIPPLE, road=r) for r in self.hunted)]
+
+    def notes(self) -> list[str]:
+        """Return where trucks hunt for their speed."""
+        roads = ", ".join(self.fleet.network.edge_ids[r] for r in self.hunted) if self.fleet.network else ""
+        swings = f"on {roads} power swings faster than rows follow; its cost is not told from a rough floor"
+        return [swings] if roads else []
 
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""

@@ -12,6 +12,7 @@ from fleetlog.discovery.channels.base import Channel, Columns, side_by_side
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, Source
+from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.recording.windows import Cut
@@ -105,6 +106,10 @@ class About:
 
     def _error(self, source: ErrorSource) -> Floats:
         change = {"lag": self._lagging, "ripple": self._rectified, "sampling": self._unseen}[source.name]()
+        if source.road is not None:
+            cells = self.channel.cells(None)
+            assert isinstance(cells, Stretches)
+            change = change * (cells.road(self.block.motion.edge) == source.road)
         return self.cut.energy(self.block, change)[:, None]
 
     def _lagging(self) -> Floats:

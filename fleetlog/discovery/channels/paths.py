@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion, join
+from fleetlog.core.network import Network
 from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.recording.blocks import TRIP, narrow, picked, stacked
 from fleetlog.discovery.recording.conflicts import hindered
@@ -25,6 +26,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+KINK, SLIGHT = 1.0, 0.5
+"""Way on which a truck that follows the map's line takes its kinks [m]; a larger one is a corner, which is
+rounded [rad]."""
 SHORTEST = 8.0  # A shorter leg says nothing of how fast one drives [m]
 
 
@@ -35,8 +39,8 @@ class Path:
     ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the
     node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that
     belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at the
-    node, neither for a purpose nor for another truck; ``behind`` (W,) whether another truck was in the way in
-    a window.
+    node, neither for a purpose nor for another truck; ``kink`` (G,) curvature [1/m] that a truck would take
+    which follows the line of the map; ``behind`` (W,) whether another truck was in the way in a window.
     """
 
     motion: Motion
@@ -46,6 +50,7 @@ class Path:
     share: Floats
     took: Floats
     standing: Floats
+    kink: NDArray[np.float32]
     behind: Mask
 
     def part(self, nodes: Mask, windows: Mask) -> "Path":
@@ -188,8 +193,22 @@ def lay_out(
         x=motion.x[middle], y=motion.y[middle], time=motion.time[middle],
     )  # fmt: skip
     of, share, standing = of.astype(np.int32), share.astype(np.float32), standing.astype(np.float32)
-    path = Path(narrow(motion), s, inside, of, share, took, standing, behind)
+    kink = kinks(fleet.network, motion.edge, motion.edge_offset).astype(np.float32)
+    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, behind)
     return path, windows, recorded, (recorded > 0.0) & ~behind & ~astray
+
+
+def kinks(network: Network, edge: NDArray[Any], offset: Floats) -> Floats:
+    """(N,) curvature at places on edges [1/m] near a slight turn of the map's line, taken within ``KINK``."""
+    east, north = np.diff(network.points[:, :2], axis=0).T
+    course = np.arctan2(north, east)
+    turn = np.zeros(len(network.points))
+    turn[1:-1] = np.abs(np.angle(np.exp(1j * np.diff(course))))
+    turn[network.first[:-1]] = turn[network.first[1:] - 1] = 0.0
+    turn[turn > SLIGHT] = 0.0
+    before = network.segment(edge, offset)[0]
+    near = [np.abs(offset - network.distance[v]) <= 0.5 * KINK for v in (before, before + 1)]
+    return np.asarray(np.maximum(turn[before] * near[0], turn[before + 1] * near[1]) / KINK)
 
 
 def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: Floats) -> Floats:

@@ -30,8 +30,12 @@ FEW = 3  # Stops from which on trucks wait at a place
 
 GATHERS = 2.0  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
 
-ERRORS = (ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25))
-"""Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each]."""
+ERRORS = (
+    ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25),
+    ErrorSource("kinks", 0.5),
+)  # fmt: skip
+"""Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each]; and how
+far trucks follow the kinks of the map's line no positions show (0: they drive curves, 1: every kink)."""
 
 
 @dataclass

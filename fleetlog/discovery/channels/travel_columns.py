@@ -1,7 +1,7 @@
 """Columns of the speed channel: how the time on a path changes with each number, field and free curve."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +120,8 @@ class About:
         return np.asarray(np.sum(parts, axis=0))
 
     def _error(self, source: ErrorSource) -> Floats:
+        if source.name == "kinks":
+            return self._along_kinks()[:, None]
         step = np.diff(self.path.s, prepend=self.path.s[:1])
         pace = np.where(self.path.inside, self.seconds / np.maximum(step, 1e-9), 0.0)
         dip = (
@@ -134,3 +136,11 @@ class About:
             "slowing down": dip & ~self.path.last,
         }[source.name]
         return summed(self.path, which.astype(float))[:, None]
+
+    def _along_kinks(self) -> Floats:
+        """(W,) seconds that following every kink of the map's line adds."""
+        if not self.path.kink.any():
+            return np.zeros(len(self.path.behind))
+        bend = np.maximum(np.abs(self.path.motion.curvature), self.path.kink)
+        path = replace(self.path, motion=self.path.motion.replaced(curvature=bend))
+        return summed(self.path, drive_times(path, self.physics)[0] - self.seconds)

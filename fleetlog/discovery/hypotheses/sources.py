@@ -36,10 +36,12 @@ class FieldSource:
 
 @dataclass(frozen=True)
 class ErrorSource:
-    """What sampling hides from any model; ``spread`` is the standard deviation of its coefficient."""
+    """What sampling hides from any model, everywhere or on one ``road`` (an edge, counted in its direction);
+    ``spread`` is the standard deviation of its coefficient."""
 
     name: str
     spread: float
+    road: int | None = None
 
 
 Source = KnobSource | FieldSource | FreeCurve | ErrorSource  # A free curve has one column a knot

@@ -108,6 +108,10 @@ class Stretches(Cells):
         cell = self.first[edge] + np.floor(share * self.count[edge]).astype(np.int32)
         return np.where(on, cell, -1).astype(np.int32), self.sign[edge]
 
+    def road(self, edge: NDArray[np.int64] | Index) -> Index:
+        """(N,) the edge in whose direction the road of each is counted; -1 off the map."""
+        return np.where(edge >= 0, self.road_edge[self.first[np.maximum(edge, 0)]], -1).astype(np.int32)
+
     def roads(self) -> list[tuple[int, int]]:
         """Return the first stretch of every road, and the one after its last."""
         begin = np.flatnonzero(np.diff(self.road_edge, prepend=-1) != 0)

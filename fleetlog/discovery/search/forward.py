@@ -83,7 +83,7 @@ def _best(
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
     tried = [_no_better_than(now, j, slow.get(j.chosen[-1].kind)) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
-    counting = _counting(problem, now, [j for j in ranked if j.chosen[-1] not in rivals])
+    counting = _counting(problem, now, ranked, rivals)
     first = next(counting, None)
     if first is not None and first.chosen[-1].places:
         # What the names say of places goes first: free time by place takes up all of it, and what no name
@@ -96,15 +96,22 @@ def _best(
     return first
 
 
-def _counting(problem: Problem, now: Joint, ranked: list[Joint]) -> Iterator[Joint]:
-    """Yield what may be added to the model, in the order in which it may."""
-    for joint in _by_simplicity(problem, ranked):
+def _counting(problem: Problem, now: Joint, ranked: list[Joint], rivals: list[Hypothesis]) -> Iterator[Joint]:
+    """Yield what may be added to the model, in the order in which it may; ``rivals`` may not."""
+    worth = [j for j in ranked if j.chosen[-1] not in rivals]
+    for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
             continue
-        if any(_is_part_of(joint, other) for other in ranked):
+        if any(_is_part_of(joint, other) for other in worth) or any(_follows(joint, o) for o in ranked):
             continue
         if _counts(problem, joint.chosen[-1], size_of(problem, now, joint)):
             yield joint
+
+
+def _follows(joint: Joint, other: Joint) -> bool:
+    """Whether places only repeat what a curve over a recorded state says, and say it worse."""
+    placed = bool({"x", "y"} & set(joint.chosen[-1].depends_on))
+    return placed and other.chosen[-1].curve is not None and other.score < joint.score
 
 
 def _is_part_of(joint: Joint, other: Joint) -> bool:

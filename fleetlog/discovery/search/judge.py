@@ -14,7 +14,7 @@ from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.report.finding import ChannelFit, Errors
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
-from fleetlog.discovery.search.sizes import predicted
+from fleetlog.discovery.search.sizes import hidden, predicted
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,16 +25,17 @@ FEWEST = 50  # Windows from which on a noise floor is told
 
 
 def judge(
-    problem: Problem, before: Model, after: Model, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
+    problem: Problem, before: Model, after: Joint, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
     Joint],
-) -> tuple[ChannelFit, dict[Hypothesis, Errors]]:  # fmt: skip
+) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None]:  # fmt: skip
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
-    ``without`` it, or of the fit with a free curve ``beside``."""
+    ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
+    hides."""
     channel, units = problem.channel, list(problem.held_out())
     energy = _pooled(units, lambda u: u.recorded)
     if not len(energy) or not energy.any():
         reason = "too few trips to hold some out; record more"
-        return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}
+        return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None
     size = float(np.sqrt(np.mean(energy**2)))
 
     def left(model: Model) -> Floats:
@@ -46,16 +47,20 @@ def judge(
     def error(residual: Floats) -> float:
         return float(np.sqrt(np.mean(residual**2))) / size
 
-    new, cluster = left(after), _clusters(problem, units)
+    new, cluster, miss = left(after.model), _clusters(problem, units), _own_error(problem, units, after)
+    concealed = _pooled(units, lambda u: hidden(problem, u, after))
     pairs = {h: (left(model), new) for h, model in without.items()}
     pairs |= {h: (new, kept_back(joint)) for h, joint in beside.items()}
     told = {
-        h: Errors(channel.metric, error(one), error(other), p_value(one, one - other, cluster))
+        h: Errors(
+            channel.metric, error(one), error(other), p_value(one - concealed, one - other, cluster, miss)
+        )
         for h, (one, other) in pairs.items()
     }
     floor = _floor(problem, before)
     told_floor = None if floor is None else floor / size
-    return ChannelFit(channel.name, channel.metric, error(left(before)), error(new), told_floor), told
+    fit = ChannelFit(channel.name, channel.metric, error(left(before)), error(new), told_floor)
+    return fit, told, error(new - concealed)
 
 
 def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
@@ -63,22 +68,30 @@ def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
     units = list(problem.held_out())
     if not units:
         return None
-    residual = _pooled(units, lambda u: u.recorded - predicted(problem, u, base))
-    effect = _pooled(units, lambda u: predicted(problem, u, joint) - predicted(problem, u, base))
-    return p_value(residual, effect, _clusters(problem, units))
+
+    def said(fit: Joint) -> Floats:
+        return _pooled(units, lambda u: predicted(problem, u, fit) + hidden(problem, u, fit))
+
+    residual = _pooled(units, lambda u: u.recorded) - said(base)
+    own = _own_error(problem, units, base)
+    return p_value(residual, said(joint) - said(base), _clusters(problem, units), own)
 
 
-def p_value(residual: Floats, effect: Floats, cluster: Ints) -> float:
+def _own_error(problem: Problem, units: Sequence[Unit], joint: Joint) -> Floats:
+    return problem.channel.model_error * _pooled(units, lambda u: np.abs(predicted(problem, u, joint)))
+
+
+def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats = 0.0) -> float:
     """Return how likely trips that nothing has read speak so much for an effect by chance (one-sided,
     trips independent).
 
     ``residual`` (W,) of the model without the effect; ``effect`` (W,) what it would add, found on other
-    trips.
+    trips; ``own`` (W,) standard deviation of the model's own error, which all trips share.
     """
     _, which = np.unique(cluster, return_inverse=True)
     score = np.bincount(which, residual * effect)
     score = score[np.bincount(which, np.abs(effect)) > 0.0]
-    spread = float(np.sqrt((score**2).sum()))
+    spread = float(np.hypot(np.sqrt((score**2).sum()), np.sum(np.abs(effect) * own)))
     if len(score) < FEWEST_CLUSTERS or spread == 0.0:
         return 1.0
     return float(stdtr(len(score) - 1, -score.sum() / spread))

@@ -69,3 +69,12 @@ def predicted(problem: Problem, unit: Unit, joint: Joint) -> Floats:
     out, x = problem.channel.columns(unit, joint.model, sources)
     own = [a.owner is not None and a.owner.term is None for a in joint.design.atoms]
     return np.asarray(out + x @ joint.fitted.beta[own])
+
+
+def hidden(problem: Problem, unit: Unit, joint: Joint) -> Floats:
+    """Return what sampling hides in every window by a fit, (W,): no physics, and not in the model."""
+    sources = problem.channel.errors()
+    if not sources:
+        return np.zeros(len(unit.windows))
+    own = [a.owner is None and a.knob is None for a in joint.design.atoms]
+    return np.asarray(problem.channel.columns(unit, joint.model, sources)[1] @ joint.fitted.beta[own])

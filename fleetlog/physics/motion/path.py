@@ -127,7 +127,7 @@ def _rounded(network: Network | None, visits: Visits, stood: Floats, radius: flo
     halted = join & (np.searchsorted(stood, where - near) < np.searchsorted(stood, where + near))
     real = (np.abs(angle) > 1e-6) & (np.abs(angle) < SHARPEST) & ~halted
     where, angle, size, reach = where[real], angle[real], size[real], reach[real]
-    saved = 1.0 - np.maximum(0.5 * size / np.tan(np.maximum(0.5 * size, 1e-6)), 0.4)
+    saved = 1.0 - np.maximum(0.5 * size / np.tan(0.5 * size), 0.4)
     knots = np.concatenate([where - reach, where + reach])
     order = np.argsort(knots, kind="stable")
     knots = knots[order]
