@@ -6,7 +6,7 @@ names in help.
 
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
@@ -155,3 +155,10 @@ def _written(frame: Any, name: str) -> Path:
     write = plain.to_csv if name.endswith(".csv") else plain.to_parquet
     write(file, index=False)
     return file
+
+
+LOADED: dict[str, tuple[str, Callable[..., Any]]] = {
+    "Dataset": ("DATASET", as_dataset), "Truck": ("TRUCK", as_truck), "Site": ("FILE", as_site),
+    "Physics": ("PATH", as_physics),
+}  # fmt: skip
+"""Types that an analysis takes: their name in help, and how one is loaded; physics for a truck and a map."""

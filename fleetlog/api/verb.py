@@ -15,6 +15,7 @@ from functools import cache, update_wrapper
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from fleetlog import engines
+from fleetlog.api.inputs import LOADED
 from fleetlog.core.arguments import Between, Named, PartOf
 from fleetlog.errors import ArgumentError, nearest
 
@@ -32,8 +33,6 @@ SHARED = {
     "scheduler": "Address of a Dask cluster, tcp://HOST:PORT.",
 }
 """Options that several functions have, described once; a docstring of one's own goes first."""
-LOADED = {"Dataset": "DATASET", "Truck": "TRUCK", "Site": "FILE", "Physics": "PATH"}
-"""Types that an analysis takes, and that the library loads for it from a path."""
 TITLE = r"\n[^\n]+\n-+\n"  # Of a section of a docstring
 REQUIRED = inspect.Parameter.empty
 
@@ -100,9 +99,8 @@ def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> 
     if get_origin(kind) is tuple:
         kind, inner = _peeled(get_args(kind)[0])
         check = check or inner
-    loaded = LOADED.get(getattr(kind, "__name__", ""))
-    if loaded is not None:
-        check = check or Named(loaded, path=True)
+    if (loaded := LOADED.get(getattr(kind, "__name__", ""))) is not None:
+        check = check or Named(loaded[0], path=True)
     check = check or (Between(whole=kind is int) if kind in (int, float) else Named())
     choices = tuple(get_args(kind)) if get_origin(kind) is Literal else ()
     if isinstance(check, PartOf):
