@@ -70,14 +70,18 @@ def _data(target: Path, overwrite: bool) -> Answer:
 def steps(sample: Path) -> Iterator[Step]:
     """What the demo does; outputs are names in the folder that it works in."""
     site, truck = sample / "site.toml", sample / "truck.toml"
-    logs = tuple(sorted((sample / "logs").iterdir()))
     again = {"site": site, "truck": truck, "like": "recorded", "seed": 1}
     recorded = {"truck": truck, "output": "diagnosis"}
     mission = {**again, "same_mission": True, "physics": "diagnosis/model.toml", "output": "resimulated"}
     fleet = {**again, "vehicles": 8, "duration": "30m", "output": "simulated"}
     after = {"truck": truck, "against": "resimulated", "output": "after"}
     imported = {"site": site, "output": "recorded"}
-    yield "Logs of eight trucks in five formats become one dataset", "import", (logs,), imported
+    yield (
+        "Five logs of eight trucks, in four formats, become one dataset",
+        "import",
+        (sample / "logs",),
+        imported,
+    )
     yield "Where trucks crowd", "analyze density", ("recorded",), {"output": "density"}
     yield "Where chargers belong", "analyze chargers", ("recorded",), {"k": 2, "output": "chargers"}
     yield "A fleet of the same kind, simulated", "simulate", (), fleet
@@ -88,7 +92,7 @@ def steps(sample: Path) -> Iterator[Step]:
 
 def command_line(name: str, given: tuple[Any, ...], options: dict[str, Any]) -> str:
     """What a person would type, with the folder of the sample data as SAMPLE."""
-    words = [*name.split(), *(str(v) for g in given for v in (g if isinstance(g, tuple) else (g,)))]
+    words = [*name.split(), *map(str, given)]
     for option, value in options.items():
         spelled = "o" if option == "output" else option.replace("_", "-")
         words.append(f"{'-' if len(spelled) == 1 else '--'}{spelled}")
