@@ -19,8 +19,8 @@ Step = tuple[str, str, tuple[Any, ...], dict[str, Any]]
 WHERE = {
     "recorded": "the replay: fleetlog view",
     "simulated": "the simulated fleet: fleetlog view",
-    "diagnosis/report.html": "what the model leaves out, for a person: a browser",
-    "density/density.png": "where trucks crowd: a picture",
+    "diagnosis/report.html": "which physics the model lacks: a browser",
+    "density/density.png": "where trucks delay each other: a picture",
 }
 
 
@@ -71,23 +71,17 @@ def steps(sample: Path) -> Iterator[Step]:
     """What the demo does; outputs are names in the folder that it works in."""
     site, truck = sample / "site.toml", sample / "truck.toml"
     again = {"site": site, "truck": truck, "like": "recorded", "seed": 1}
-    recorded = {"truck": truck, "output": "diagnosis"}
-    mission = {**again, "same_mission": True, "physics": "diagnosis/model.toml", "output": "resimulated"}
     fleet = {**again, "vehicles": 8, "duration": "30m", "output": "simulated"}
+    mission = {**again, "same_mission": True, "physics": "diagnosis/model.toml", "output": "resimulated"}
     after = {"truck": truck, "against": "resimulated", "output": "after"}
-    imported = {"site": site, "output": "recorded"}
-    yield (
-        "Five logs of eight trucks, in four formats, become one dataset",
-        "import",
-        (sample / "logs",),
-        imported,
-    )
-    yield "Where trucks crowd", "analyze density", ("recorded",), {"output": "density"}
-    yield "Where chargers belong", "analyze chargers", ("recorded",), {"k": 2, "output": "chargers"}
+    imported, recorded = {"site": site, "output": "recorded"}, ("recorded",)
+    yield "Five logs of eight trucks become one dataset", "import", (sample / "logs",), imported
+    yield "Where trucks delay each other", "analyze density", recorded, {"output": "density"}
+    yield "Where chargers belong", "analyze chargers", recorded, {"k": 2, "output": "chargers"}
     yield "A fleet of the same kind, simulated", "simulate", (), fleet
-    yield "What physics does the model leave out?", "diagnose", ("recorded",), recorded
+    yield "Which physics the model lacks", "diagnose", recorded, {"truck": truck, "output": "diagnosis"}
     yield "The recorded trips again, with what was found", "simulate", (), mission
-    yield "Is the mismatch gone?", "diagnose", ("recorded",), after
+    yield "Is the mismatch gone?", "diagnose", recorded, after
 
 
 def command_line(name: str, given: tuple[Any, ...], options: dict[str, Any]) -> str:
