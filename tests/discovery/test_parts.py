@@ -22,6 +22,7 @@ from fleetlog.discovery.recording.blocks import block
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
+from fleetlog.discovery.recording.turns import Turn, _map_explains
 from fleetlog.physics.power import Physics, all_terms, battery_power
 
 TRUCK = Truck(Chassis(4500.0))
@@ -162,3 +163,23 @@ def test_squares_hold_a_vector_for_an_odd_field() -> None:
         squares.along(Motion.of(1, x=30.0, y=30.0, heading=h), values)[0] for h in (0.0, np.pi / 2, np.pi)
     )
     assert (east, north, west) == pytest.approx((0.03, 0.0, -0.03), abs=1e-12)
+
+
+def turn(angle: float, speed: float, length: float, corner: float) -> Turn:
+    return Turn(angle, 0.0, length, speed, 4.0, corner)
+
+
+@pytest.mark.parametrize("lateral", [0.4, 1.2, 2.5])
+@pytest.mark.parametrize("own", [True, False])
+def test_turns_are_measured_where_the_map_does_not_tell_where_trucks_slow_down(
+    lateral: float, own: bool
+) -> None:
+    """Speeds follow either the bends that trucks drive or the corners of the map, at one lateral acceleration."""
+    rng = np.random.default_rng(4)
+    known = []
+    for _ in range(30):
+        angle, length, corner = rng.uniform(0.7, 2.0), rng.uniform(4.0, 12.0), rng.uniform(0.05, 0.5)
+        bend = angle / length if own else corner
+        speed = min(4.0, np.sqrt(lateral / bend)) * rng.normal(1.0, 0.03)
+        known.append(turn(angle, speed, length, corner))
+    assert _map_explains(known) is not own

@@ -3,7 +3,7 @@ trucks themselves.
 
 Undisturbed passages tell the speed, positions where the bend lies.  Only how one way over a junction differs
 from another is taken from there; what all have in common stays the model's to explain.  Where the corners of
-the map, rounded with the radius of the truck, explain the speeds seen, they are kept as they are.
+the map, rounded with the radius of the truck, explain the speeds seen better, they are kept as they are.
 """
 
 from collections import defaultdict
@@ -28,8 +28,6 @@ DRIVEN = 0.7
 """Quantile of undisturbed speeds that is the one intended: some dawdle, or meet what nobody recorded."""
 SHORTEST = 1.0  # Shortest bend [m]; and a quarter of one where a truck goes straight on
 BLUR = 1.0 / 3.0  # Variance of the stretch over which a course is taken here [m2]
-EXPLAINED = 0.25
-"""Share of the square by which free speed misses that of turns, that corners of the map explain at least."""
 ALIKE = 0.65
 """Share of the nominal lateral acceleration above which a map without curves cannot tell it from that."""
 
@@ -141,11 +139,13 @@ def _turn(passes: list[_Pass]) -> Turn:
 
 
 def _map_explains(known: list[Turn]) -> bool:
-    """Whether the corners of the map, at one lateral acceleration, tell where trucks slow down."""
-    speed, free, bend = (np.array([getattr(t, n) for t in known]) for n in ("speed", "free", "curvature"))
+    """Whether the corners of the map, at one lateral acceleration, tell better than the bends measured where
+    trucks slow down."""
+    speed, free, corner = (np.array([getattr(t, n) for t in known]) for n in ("speed", "free", "curvature"))
+    bend = np.array([abs(t.angle) / max(t.length, SHORTEST) if abs(t.angle) > BEND else 0.0 for t in known])
 
-    def missed(cap: Floats) -> float:
-        return float(np.sum((np.minimum(free, cap) / speed - 1.0) ** 2))
+    def missed(curvature: Floats) -> float:
+        caps = (np.sqrt(lateral / np.maximum(curvature, 1e-6)) for lateral in np.geomspace(0.1, 10.0, 60))
+        return min(float(np.sum((np.minimum(free, cap) / speed - 1.0) ** 2)) for cap in caps)
 
-    corners = [np.sqrt(lateral / np.maximum(bend, 1e-6)) for lateral in np.geomspace(0.1, 10.0, 60)]
-    return min(missed(c) for c in corners) < (1.0 - EXPLAINED) * missed(free)
+    return missed(corner) < missed(bend)
