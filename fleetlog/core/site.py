@@ -144,6 +144,11 @@ class Site:
         now = 3600.0 * local.hour + 60.0 * local.minute + local.second
         return any(a <= now < b if a <= b else not b <= now < a for a, b in self.breaks)
 
+    def zone_limit(self, x: Floats, y: Floats) -> Floats:
+        """(N,) lowest speed limit of the zones at points [m/s], inf where there is none."""
+        limits = [np.where(zone.contains(x, y), zone.speed_limit, np.nan) for zone in self.zones]
+        return np.asarray(np.fmin.reduce([np.full(len(x), np.inf), *limits]))
+
     def roads(self) -> Network:
         """The network, or :class:`SiteError` where the site has none."""
         if self.network is None:

@@ -75,7 +75,7 @@ class Model:
         """Return where a knob stands; zero for the deviation of a scope where nothing was found."""
         if not knob.scope.whole:
             return self.at.get(knob, 0.0)
-        return self.at.get(knob, knob.definition.scaled_nominal(self.truck))
+        return self.at.get(knob, knob.definition.scaled(knob.definition.nominal(self.truck)))
 
     def total(self, knob: Knob) -> float:
         """Return the coordinate in force within the knob's scope: the fleet's and its own deviation."""

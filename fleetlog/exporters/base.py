@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,8 +37,8 @@ class Exporter:
     name: str
     suffix: str
     meaning: str
-    write: Callable[[Selection, Path], dict[str, Any]]
-    """Writes the selection to a path; gives what the summary should say, ``rows`` included."""
+    write: Callable[[Selection, Path], dict[str, Any] | None]
+    """Writes the selection to a path; gives what the summary should say beyond the counts of rows."""
     network: bool = False  # Whether it writes the road network, not the motion
 
 
@@ -48,7 +49,7 @@ class Selection:
     dataset: Dataset
     vehicles: tuple[str, ...]
     target: Path
-    counts: dict[str, Any] = field(default_factory=lambda: {"rows": 0, "rows_without_position": 0})
+    counts: Counter[str] = field(default_factory=Counter)
 
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
         """One trajectory per vehicle and day, vehicle by vehicle."""
@@ -91,6 +92,7 @@ class Selection:
         for table in map(to_arrow, self.days()):
             for missing in (f for f in schema if f.name not in table.column_names):
                 table = table.append_column(missing, pa.nulls(len(table), missing.type))
+            self.counts["rows"] += len(table)
             yield table.select(schema.names).cast(schema, safe=False)
 
     def places(self, t: Trajectory) -> list[Floats]:
@@ -148,9 +150,17 @@ def export_dataset(
     chosen = tuple(vehicles) or tuple(source.vehicles)
     options: dict[str, Any] = {"overwrite": overwrite, "folder": False, "inputs": [source.path]}
     with atomic_output(output, f"{to} export", **options) as scratch:
-        more = known[to].write(Selection(source, chosen, output), scratch)
+        selection = Selection(source, chosen, output)
+        more = known[to].write(selection, scratch) or {}
         size = scratch.stat().st_size
-    return {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size, **more}
+    return {
+        "format": to,
+        "file": str(output),
+        "vehicles": len(chosen),
+        "bytes": size,
+        **selection.counts,
+        **more,
+    }
 
 
 def write_features(path: Path, head: dict[str, Any], features: Iterable[dict[str, Any]]) -> None:

@@ -3,7 +3,6 @@
 import csv
 import io
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -15,11 +14,10 @@ FORMULA = r"^([=@\t\r]|[+-][\pL\pN_.:-]*[^\pL\pN_.:-])"
 _PACKING = {".gz": "gzip", ".zst": "zstd"}
 
 
-def write(selection: Selection, path: Path) -> dict[str, Any]:
+def write(selection: Selection, path: Path) -> None:
     """Times in ISO 8601 UTC, empty cells for null, every digit of a double."""
     schema = selection.schema()
     text = pa.schema([f.with_type(pa.string()) if f.name == "timestamp" else f for f in schema])
-    rows = 0
     packing = _PACKING.get(selection.target.suffix.lower())
     options = pcsv.WriteOptions(quoting_style="needed", include_header=False)
     # Quoted only where a name needs it; Arrow would quote every one.
@@ -30,8 +28,6 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
         with pcsv.CSVWriter(sink, text, write_options=options) as writer:
             for table in selection.tables(schema):
                 writer.write_table(_with_iso_time(table, text))
-                rows += len(table)
-    return {"rows": rows}
 
 
 def _with_iso_time(table: pa.Table, schema: pa.Schema) -> pa.Table:

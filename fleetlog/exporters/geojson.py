@@ -13,12 +13,11 @@ from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.exporters.base import Exporter, Selection, cells, iso_times, write_features
 
 
-def write(selection: Selection, path: Path) -> dict[str, Any]:
+def write(selection: Selection, path: Path) -> None:
     """Positions to 1e-9 degrees (0.1 mm)."""
     local = {"frame": "local metres"} if selection.dataset.site.frame is None else {}
     days = map(selection.placed, selection.days())
     write_features(path, {}, (f for t in days for f in _features(t, selection.places(t), local)))
-    return selection.counts
 
 
 def _features(t: Trajectory, xyz: list[Floats], fixed: dict[str, Any]) -> Iterator[dict[str, Any]]:

@@ -22,7 +22,7 @@ _PLACED = ("x", "y", "z", "heading")
 _NAME = re.compile(r"(?!\d)\w+", re.ASCII)  # What can be an element's name as it stands
 
 
-def write(selection: Selection, path: Path) -> dict[str, Any]:
+def write(selection: Selection, path: Path) -> None:
     """Rows without a position have no place in a track."""
     if (frame := selection.dataset.site.frame) is None:
         what = "GPX holds latitudes and longitudes, and this dataset's site has no [frame]"
@@ -36,7 +36,6 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
                 _segment(out, selection.placed(t), frame)
             out.write("</trk>\n")
         out.write("</gpx>\n")
-    return selection.counts
 
 
 def _segment(out: TextIO, t: Trajectory, frame: Frame) -> None:

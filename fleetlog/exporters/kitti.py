@@ -17,7 +17,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
             zero, one, c, s = np.zeros(len(t)), np.ones(len(t)), np.cos(yaw), np.sin(yaw)
             rows = (c, -s, zero, t.floats("x")), (s, c, zero, t.floats("y")), (zero, zero, one, z)
             np.savetxt(out, np.column_stack([v for row in rows for v in row]), fmt="%.9g")
-    return {**selection.counts, "vehicle": vehicle}
+    return {"vehicle": vehicle}
 
 
 EXPORTER = Exporter("kitti", ".txt", "KITTI poses of one vehicle, without times", write)

@@ -33,7 +33,7 @@ _BATTERY = (
 Message = tuple[str, int, dict[str, Any]]  # Schema, time [us] and content
 
 
-def write(selection: Selection, path: Path) -> dict[str, Any]:
+def write(selection: Selection, path: Path) -> None:
     """Vehicle by vehicle; readers sort by time through the index."""
     from mcap.writer import CompressionType, Writer
 
@@ -60,7 +60,6 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
                 data = json.dumps({"timestamp": stamp, **content}, allow_nan=False).encode()
                 writer.add_message(channel(t.vehicle_id, kind), time * 1000, data, time * 1000)
         writer.finish()
-    return selection.counts
 
 
 def _places(t: Trajectory, frame: Frame | None) -> Iterator[Message]:

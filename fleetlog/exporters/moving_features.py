@@ -20,14 +20,13 @@ PROPERTIES = (
 )  # fmt: skip
 
 
-def write(selection: Selection, path: Path) -> dict[str, Any]:
+def write(selection: Selection, path: Path) -> None:
     """A feature a vehicle and day, so that memory is bounded by a day."""
     on_earth = selection.dataset.site.frame is not None
     crs = "http://www.opengis.net/def/crs/OGC/1.3/CRS84" if on_earth else "local metres"
     days = map(selection.placed, selection.days(("x", "y", "z", *PROPERTIES)))
     head = {"crs": {"type": "Name", "properties": {"name": crs}}}
     write_features(path, head, (_feature(t, selection.places(t)) for t in days if len(t)))
-    return selection.counts
 
 
 def _feature(t: Trajectory, xyz: list[Floats]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ MOST = 1_000_000  # Rows that one scenario holds; it is built in memory
 COLUMNS = ("x", "y", "z", "heading")
 
 
-def write(selection: Selection, path: Path) -> dict[str, Any]:
+def write(selection: Selection, path: Path) -> None:
     """The scenario of the chosen vehicles."""
     try:
         from scenariogeneration import xosc
@@ -48,7 +48,6 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
         creation_date=datetime.fromtimestamp(1e-6 * begin, UTC).replace(tzinfo=None),
     )  # fmt: skip
     scenario.write_xml(str(path))
-    return selection.counts
 
 
 def _motions(selection: Selection) -> dict[str, NDArray[np.float64]]:

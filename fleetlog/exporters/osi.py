@@ -35,7 +35,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
             for time in sorted(moments):
                 data = moments[time].SerializeToString()
                 out.write(struct.pack("<I", len(data)) + data)
-    return {**selection.counts, "ids": {str(k): v for v, k in number.items()}}
+    return {"ids": {str(k): v for v, k in number.items()}}
 
 
 def _add(moments: dict[int, Any], t: Trajectory, number: int, kind: Any) -> None:

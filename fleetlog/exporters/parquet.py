@@ -21,7 +21,7 @@ _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """The columns of the contract, vehicle by vehicle, and ``geometry``."""
     schema = selection.schema()
-    whole, frame, rows = schema, selection.dataset.site.frame, 0
+    whole, frame = schema, selection.dataset.site.frame
     if frame is not None:
         whole = schema.append(pa.field("geometry", pa.binary())).with_metadata({"geo": json.dumps(_GEO)})
     with pq.ParquetWriter(path, whole, compression="zstd") as writer:
@@ -29,8 +29,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
             if frame is not None:
                 table = table.append_column("geometry", _points(table, frame)).cast(whole)
             writer.write_table(table)
-            rows += len(table)
-    return {"rows": rows, "geometry": frame is not None}
+    return {"geometry": frame is not None}
 
 
 def _points(table: pa.Table, frame: Frame) -> pa.Array:

@@ -10,7 +10,6 @@ from collections import defaultdict
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -22,7 +21,7 @@ from fleetlog.exporters.sumo_net import sumo_name
 _COLUMNS = ("x", "y", "z", "heading", "speed", "edge_offset")
 
 
-def write(selection: Selection, path: Path) -> dict[str, Any]:
+def write(selection: Selection, path: Path) -> None:
     """Times to the microsecond, positions to the millimetre."""
     origin: int | None = None
     with path.open("w", encoding="utf-8") as out:
@@ -40,7 +39,6 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
                 out.write(f'  <timestep time="{stamp}">\n{"".join(lines)}  </timestep>\n')
         out.write("<fcd-export>\n" if origin is None else "")
         out.write("</fcd-export>\n")
-    return selection.counts
 
 
 def _lines(t: Trajectory) -> Iterator[tuple[int, str]]:

@@ -19,7 +19,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
             for time, x, y, up, s, c in zip(*(v.tolist() for v in columns), strict=True):
                 stamp = f"{time // 1_000_000}.{time % 1_000_000:06d}"
                 out.write(f"{stamp} {x:.6f} {y:.6f} {up:.6f} 0 0 {s:.9f} {c:.9f}\n")
-    return {**selection.counts, "vehicle": vehicle}
+    return {"vehicle": vehicle}
 
 
 EXPORTER = Exporter("tum", ".tum", "TUM trajectory of one vehicle, for evo", write)

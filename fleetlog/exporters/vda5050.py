@@ -23,7 +23,7 @@ COLUMNS = (
 DRIVING = 0.05  # A truck faster than this drives [m/s]
 
 
-def write(selection: Selection, path: Path) -> dict[str, Any]:
+def write(selection: Selection, path: Path) -> None:
     """Vehicle by vehicle; the name before a slash is the manufacturer's."""
     header: Counter[str] = Counter()
     with path.open("w", encoding="utf-8") as out:
@@ -31,7 +31,6 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
             for message in _messages(t, header[t.vehicle_id]):
                 out.write(json.dumps(message, allow_nan=False, separators=(",", ":")) + "\n")
             header[t.vehicle_id] += len(t)
-    return selection.counts
 
 
 def _messages(t: Trajectory, first: int) -> Iterator[dict[str, Any]]:

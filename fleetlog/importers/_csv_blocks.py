@@ -33,14 +33,11 @@ class Block:
 
     def lines(self) -> Ints:
         """Numbers of the lines that are not blank."""
-        raw = np.frombuffer(self.text, np.uint8)
-        ends = np.flatnonzero(raw == 10)
-        if len(raw) and raw[-1] != 10:
-            ends = np.append(ends, len(raw))
-        starts = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
-        length = ends - starts
-        carriage = (length == 1) & (raw[np.minimum(starts, len(raw) - 1)] == 13) if len(ends) else length > 0
-        return np.asarray(self.first + np.flatnonzero((length > 0) & ~carriage), dtype=np.int64)
+        raw = np.frombuffer(self.text + b"\n", np.uint8)
+        ends = np.flatnonzero(raw == ord("\n"))
+        size = np.diff(ends, prepend=-1) - 1
+        blank = (size == 0) | ((size == 1) & (raw[ends - 1] == ord("\r")))
+        return np.asarray(self.first + np.flatnonzero(~blank), dtype=np.int64)
 
     def texts(self, numbers: list[int]) -> list[str]:
         """The text of some lines, by their numbers."""

@@ -2,7 +2,6 @@
 
 import re
 from collections import Counter
-from dataclasses import dataclass
 
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_blocks import rows_of
@@ -15,21 +14,6 @@ from fleetlog.importers._units import KINDS
 DELIMITERS = ",;\t|"
 _COMMA = re.compile(r"[+-]?\d*,\d+")
 _POINT = re.compile(r"[+-]?\d*\.\d+")
-
-
-@dataclass
-class Layout:
-    """How the text of a log is cut into columns, and what they are."""
-
-    fields: Fields
-    delimiter: str
-    skip: int  # Lines before the first row, the header line among them
-    decimal: str = "."
-
-    @property
-    def names(self) -> list[str]:
-        """Of all columns, in their order."""
-        return self.fields.names
 
 
 def find_delimiter(lines: list[str]) -> str:
@@ -81,22 +65,22 @@ def fit_header(names: list[str], rows: list[list[str]], report: ReadReport) -> l
     return names
 
 
-def lay_out(names: list[str], delimiter: str, skip: int, profile: Profile, report: ReadReport) -> Layout:
+def lay_out(names: list[str], profile: Profile, report: ReadReport) -> Fields:
     """Decide what every column is; an error where there is no time, or nothing at all that is known."""
     names = unique(names, report)
     for target, source in profile.columns.items():
         _must_have(names, source.column, f"columns.{target}", profile)
     for name in profile.time:
         _must_have(names, name, "time.column", profile)
-    layout = Layout(fields_of(names, profile, report, _split_time(names, profile, report)), delimiter, skip)
+    fields = fields_of(names, profile, report, _split_time(names, profile, report))
     seen = ", ".join(names[:12]) + (" ..." if len(names) > 12 else "")
-    if not layout.fields.time:
+    if not fields.time:
         do = "name it in a profile (--profile FILE.toml): [time] column = ..."
         raise FormatError(f"no time among the columns ({seen})", where=report.path, do=do)
-    if not layout.fields.columns.keys() & KINDS.keys():
+    if not fields.columns.keys() & KINDS.keys():
         what = f"no known column beside the time ({seen})"
         raise FormatError(what, where=report.path, do="map the columns in a profile (--profile FILE.toml)")
-    return layout
+    return fields
 
 
 def _must_have(names: list[str], name: str, place: str, profile: Profile) -> None:

@@ -82,21 +82,23 @@ def numbers(part: dict[str, Any], *names: str) -> list[float]:
 
 def stamp_of(message: dict[str, Any]) -> int:
     """The stamp [us] of a message or of its header; 0 where it has none."""
-    header = message.get("header")
-    stamp = message.get("timestamp", header.get("stamp") if isinstance(header, dict) else None)
+    stamp = message.get("timestamp")
+    if stamp is None and isinstance(header := message.get("header"), dict):
+        stamp = header.get("stamp")
     if isinstance(stamp, str):
         return iso_time(stamp)
     if not isinstance(stamp, dict):
         return 0
-    seconds = stamp.get("sec", stamp.get("secs", 0))
-    nanoseconds = stamp.get("nsec", stamp.get("nanosec", stamp.get("nsecs", 0)))
-    return int(finite(seconds)) * 1_000_000 + (int(finite(nanoseconds)) + 500) // 1000
+    seconds = stamp["sec"] if "sec" in stamp else stamp.get("secs", 0)
+    fine = next((stamp[name] for name in ("nsec", "nanosec", "nsecs") if name in stamp), 0)
+    return int(finite(seconds)) * 1_000_000 + (int(finite(fine)) + 500) // 1000
 
 
 def _said_fix(m: dict[str, Any]) -> Sample:
     status = m.get("status")
     blind = isinstance(status, dict) and finite(status.get("status")) < 0
-    return Sample(stamp_of(m), _fix_values(*numbers(m, "latitude", "longitude", "altitude")), not blind)
+    place = (finite(m.get(name)) for name in ("latitude", "longitude", "altitude"))
+    return Sample(stamp_of(m), _fix_values(*place), not blind)
 
 
 def _said_pose(m: dict[str, Any]) -> Sample:

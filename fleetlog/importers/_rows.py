@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +32,7 @@ class Sample(NamedTuple):
 
 
 class Rows:
-    """Rows of one kind, column by column; :meth:`take` gives them as a :class:`RawBatch`.
+    """Rows of one kind, gathered one by one; :meth:`take` gives them as a :class:`RawBatch`.
 
     ``always`` names the columns that every batch has (the positions, unless the rows are a channel);
     ``share`` says how much of the file has been read.
@@ -40,10 +41,7 @@ class Rows:
     def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
         self._always, self._share = always, share
         self._place = next((pair for pair in (GEOGRAPHIC, LOCAL) if {*pair} <= {*always}), None)
-        self.total = 0
-        """Rows taken or waiting."""
-        self.rejected = 0
-        """Rows that were refused so far."""
+        self.total = self.rejected = 0  # Rows taken or waiting, and those that were refused so far
         self._clear()
 
     def _clear(self) -> None:
@@ -60,25 +58,20 @@ class Rows:
 
         It is rejected, as it was ``written``, where its place is no number or its time off.
         """
-        if self._place and unplaced(values):
+        if self._place and unplaced(values, *self._place):
             self.reject(record, f"{' or '.join(self._place)} is not a number", written or values)
-            return
-        if not EARLIEST <= time <= LATEST:
+        elif not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
-            return
-        n = len(self._time)
-        columns = self._columns
-        for name, value in values.items():
-            column = columns.get(name)
-            if column is None:
-                columns[name] = column = []
-            if len(column) < n:
-                column.extend([None] * (n - len(column)))
-            column.append(value)
-        self._vehicle.append(vehicle)
-        self._time.append(time)
-        self._record.append(record)
-        self.total += 1
+        else:
+            columns = self._columns
+            if not values.keys() <= columns.keys():
+                columns.update({name: [None] * len(self._time) for name in values if name not in columns})
+            for name, column in columns.items():
+                column.append(values.get(name))
+            self._vehicle.append(vehicle)
+            self._time.append(time)
+            self._record.append(record)
+            self.total += 1
 
     def add_iso(
         self, vehicle: str, time: str | None, record: int, values: dict[str, Any], written: object = None
@@ -89,10 +82,10 @@ class Rows:
         except ValueError:
             self.reject(record, "time is not ISO 8601", time)
             return
-        if stamp is None and not unplaced(values):
+        if stamp is None:
             self.reject(record, "point without a time", written or values)
         else:
-            self.add(vehicle, stamp or 0, record, values, written)
+            self.add(vehicle, stamp, record, values, written)
 
     def reject(self, record: int, reason: str, text: object = "") -> None:
         """A row that cannot be used."""
@@ -106,11 +99,9 @@ class Rows:
 
     def take(self) -> RawBatch:
         """The rows so far as a batch; starts afresh."""
-        n = len(self._time)
-        columns: dict[str, Values] = {k: _column(v, n) for k, v in self._columns.items()}
+        columns = {name: _column(values) for name, values in self._columns.items()}
         time, record = (np.array(v, dtype=np.int64) for v in (self._time, self._record))
-        vehicle = Labels.of(self._vehicle) if n else Labels(np.zeros(0, np.int32), ())
-        batch = RawBatch(vehicle, time, columns, record, self._rejects, self._share())
+        batch = RawBatch(Labels.of(self._vehicle), time, columns, record, self._rejects, self._share())
         self._clear()
         return batch
 
@@ -141,7 +132,7 @@ def figures(line: bytes, count: int) -> list[float] | None:
         numbers = [float(cell) for cell in line.split()]
     except ValueError:
         return None
-    return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else None
+    return numbers if len(numbers) == count and all(map(isfinite, numbers)) else None
 
 
 def mostly(parse: Callable[[bytes], object]) -> Callable[[Path, bytes], bool]:
@@ -154,9 +145,7 @@ def _mostly(parse: Callable[[bytes], object], _: Path, head: bytes) -> bool:
     return 2 * sum(parse(line) is not None for line in lines) > len(lines)
 
 
-def _column(values: list[Any], n: int) -> Values:
-    if len(values) < n:
-        values.extend([None] * (n - len(values)))
+def _column(values: list[Any]) -> Values:
     try:
         return np.array(values, dtype=np.float64)  # None becomes NaN
     except (TypeError, ValueError):
@@ -165,13 +154,13 @@ def _column(values: list[Any], n: int) -> Values:
 
 def finite(value: Any) -> float:
     """A float of anything, NaN where there is none."""
-    if value is None or isinstance(value, bool):
+    if value is None or value is True or value is False:
         return NAN
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
         return NAN
-    return number if math.isfinite(number) else NAN
+    return number if isfinite(number) else NAN
 
 
 def heading_of_course(degrees: float) -> float:
@@ -186,10 +175,9 @@ def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-def unplaced(values: Mapping[str, float]) -> bool:
+def unplaced(values: Mapping[str, float], across: str, along: str) -> bool:
     """Whether the position is not a number."""
-    across, along = ("latitude", "longitude") if "latitude" in values else ("x", "y")
-    return not (math.isfinite(values.get(across, NAN)) and math.isfinite(values.get(along, NAN)))
+    return not (isfinite(values.get(across, NAN)) and isfinite(values.get(along, NAN)))
 
 
 def renamed(labels: Labels, names: Sequence[str | None]) -> Labels:

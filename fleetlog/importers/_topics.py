@@ -18,6 +18,7 @@ from fleetlog.importers._walk import Walk
 from fleetlog.importers.base import RawBatch, ReadOptions
 
 LISTED = 12
+LOOKED_FOR = 64  # Messages after which full batches are looked for
 
 
 class Role(NamedTuple):
@@ -117,8 +118,8 @@ class Decoder:
         self.no_fix: Counter[str] = Counter()
         self.record = 0
 
-    def feed(self, topic: str, time: int, data: Any) -> Iterator[RawBatch]:
-        """One message, received at ``time`` [us]; gives a batch when one is full."""
+    def feed(self, topic: str, time: int, data: Any) -> None:
+        """One message, received at ``time`` [us]; :meth:`ready` follows now and then."""
         self.record += 1
         role = self.roles.get(topic)
         if role is None:
@@ -128,30 +129,28 @@ class Decoder:
         except Exception as error:  # whatever a hostile message does, it is one rejected message
             why = f"{type(error).__name__}: {error}"
             self._log.reject(self.record, f"{topic}: message cannot be decoded", why)
-            if self._log.full:
-                yield self._log.take()
             return
         for sample in decoded if isinstance(decoded, list) else [decoded]:
-            rows = self._take(topic, role, sample, time)
-            if rows is not None and rows.full:
-                yield rows.take()
+            values = sample.values
+            if not role.is_position:
+                values = {k: v for k, v in values.items() if k not in POSITIONS}
+            elif not sample.fix:
+                self.no_fix[topic] += 1
+                continue
+            if not values:
+                continue
+            vehicle, frame = sample.vehicle or role.vehicle, values.get("map_id")
+            key = (*values, vehicle, frame) if frame else tuple(values)
+            rows = self._rows.get(key)
+            if rows is None:
+                rows = self._rows[key] = Rows(*values, share=self._share)
+            rows.add(vehicle, sample.stamp or time, self.record, values)
 
-    def _take(self, topic: str, role: Role, sample: Sample, time: int) -> Rows | None:
-        values = sample.values
-        if not role.is_position:
-            values = {k: v for k, v in values.items() if k not in POSITIONS}
-        elif not sample.fix:
-            self.no_fix[topic] += 1
-            return None
-        if not values:
-            return None
-        vehicle, frame = sample.vehicle or role.vehicle, values.get("map_id")
-        key = (*values, vehicle, frame) if frame else tuple(values)
-        rows = self._rows.get(key)
-        if rows is None:
-            rows = self._rows[key] = Rows(*values, share=self._share)
-        rows.add(vehicle, sample.stamp or time, self.record, values)
-        return rows
+    def ready(self) -> Iterator[RawBatch]:
+        """The batches that are full."""
+        for rows in (*self._rows.values(), self._log):
+            if rows.full:
+                yield rows.take()
 
     @property
     def positions(self) -> int:
@@ -180,7 +179,7 @@ def read_recording(
 ) -> Generator[RawBatch, None, int]:
     """Positions and batteries of a container, in its order; gives the number of whole messages.
 
-    ``name`` is the vehicle's where the topics name none.  Without a summary the file is walked once for its
+    ``name`` is the vehicle's where the topics name none.  Without an index the file is walked once for its
     channels.
     """
     refuse_packed(path)
@@ -189,18 +188,19 @@ def read_recording(
             what = f"is not {kind.called} (its first bytes are wrong)"
             raise FormatError(what, where=path, do="check the format")
         walk = kind(path, stream, options.report)
-        summary = walk.summary()
-        if summary is None:
+        if not walk.index():
             scan = kind(path, stream, ReadReport(path))
-            for _ in scan.messages(None):
+            for _ in scan.messages():
                 pass
-            walk.channels |= scan.channels
+            walk.channels = scan.channels
             if not scan.channels and scan.report.damage:
                 raise scan.report.nothing("nothing in it is whole", "record it again")
         topics = walk.channels.values()
         roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)
-        for channel, time, data in walk.messages(summary):
-            yield from decoder.feed(channel.name, time, data)
+        for channel, time, data in walk.messages():
+            decoder.feed(channel.name, time, data)
+            if decoder.record % LOOKED_FOR == 0:
+                yield from decoder.ready()
         yield from decoder.finish()
         return walk.count

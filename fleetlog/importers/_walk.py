@@ -6,8 +6,7 @@ behind damage and how many messages there must be.
 
 import struct
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, NamedTuple
 
@@ -19,8 +18,8 @@ from fleetlog.importers._report import ReadReport
 DAMAGE_LINES = 10
 FAULTS = (Damaged, struct.error, KeyError, ValueError)  # What broken bytes raise
 
-
-Message = tuple[Topic, int, Any]  # Topic, time [us], data
+Item = tuple[int, Any, Any]  # Kind, header (or None) and content of a record
+Message = tuple[int, int, Any]  # Number of the channel, time [us], data
 
 
 class Record(NamedTuple):
@@ -32,86 +31,100 @@ class Record(NamedTuple):
     after: int
 
 
-@dataclass
-class Summary:
-    """What the end of a whole file says about it."""
-
-    channels: dict[int, Topic] = field(default_factory=dict)
-    chunks: set[int] = field(default_factory=set)
-    messages: int = 0
-
-
 class Walk(ABC):
-    """An open container; ``channels`` grows while :meth:`messages` goes on."""
+    """An open container; :meth:`index` comes first, what it says of the file grows with :meth:`messages`."""
 
     called: ClassVar[str]
     magic: ClassVar[bytes]
     kinds: ClassVar[frozenset[int]]
-    """Records that the format has; ``chunk`` holds messages, behind ``ends`` come none."""
+    """Records that the format has; ``chunk`` holds those of ``inner``, behind ``ends`` comes no message."""
     chunk: ClassVar[int]
+    inner: ClassVar[frozenset[int]]
     ends: ClassVar[frozenset[int]] = frozenset()
 
     def __init__(self, path: Path, stream: BinaryIO, report: ReadReport) -> None:
         self.stream, self.report = stream, report
         self.size = path.stat().st_size
-        self.at = 0
+        self.at = self.count = 0  # Place in the file, and whole messages so far
         self.channels: dict[int, Topic] = {}
-        self.count = 0
-        """Whole messages so far."""
-        self.indexed = 0
-        """Messages that the indices on the way speak of."""
+        self.chunks: dict[int, int] = {}
+        """Messages in the chunk at each place, where the index tells them."""
+        self.stated = self.indexed = 0
+        """Messages that the index at the end, and the indices on the way, speak of."""
+        self.whole = False
         self._damages = 0
 
     @abstractmethod
-    def summary(self) -> Summary | None:
-        """Channels, chunks and number of messages from the index; None where it is damaged."""
+    def _index(self) -> bool:
+        """Take note of what the end of the file says; False where it says nothing."""
 
     @abstractmethod
     def _next(self) -> Record:
         """The record at ``at``, checked as far as its length."""
 
     @abstractmethod
-    def _take(self, record: Record) -> Iterator[Message]:
-        """The messages in a record; other records are taken note of."""
+    def _items(self, chunk: Record) -> Iterable[Item]:
+        """The records in a chunk."""
+
+    @abstractmethod
+    def _take(self, kind: int, header: Any, data: Any) -> Message | None:
+        """The message that a record is; other records are taken note of."""
 
     def _cut_off(self) -> bool:
-        """Whether the end of the file is missing although every record is whole."""
-        return False
+        """Whether the end of a file without an index is missing although every record is whole."""
+        return True
 
     def share(self) -> float:
         """Share of the file that has been read."""
         return min(self.at / max(self.size, 1), 1.0)
 
-    def messages(self, summary: Summary | None) -> Iterator[Message]:
-        """Every whole message, in the order of the file; ``report`` hears of damage and gaps."""
-        chunks = summary.chunks if summary else set()
+    def index(self) -> bool:
+        """Whether the index at the end of the file is whole; then channels, chunks and counts are known."""
+        try:
+            self.whole = self._index()
+        except FAULTS:
+            self.whole = False
+        if not self.whole:
+            self.channels, self.chunks, self.stated = {}, {}, 0
+        return self.whole
+
+    def messages(self) -> Iterator[tuple[Topic, int, Any]]:
+        """Every whole message: topic, time [us], data; ``report`` hears of damage and gaps."""
         self.at = len(self.magic)
         while self.at < self.size:
             try:
-                record = self._checked(self._next(), chunks)
+                record = self._checked(self._next())
             except FAULTS as error:
                 self.say(f"{_why(error)} (byte {self.at:,})")
-                onward = [c for c in chunks if c > self.at]
-                if not onward:
-                    break
-                self.at = min(onward)
+                self.at = min((c for c in self.chunks if c > self.at), default=self.size)
                 continue
             if record.kind in self.ends:
                 break
+            is_chunk = record.kind == self.chunk
+            known = self.inner if is_chunk else self.kinds
             try:
-                yield from self._take(record)
+                for item in self._items(record) if is_chunk else [record[:3]]:
+                    message = self._take(*item) if item[0] in known else None
+                    if message is None:
+                        continue
+                    number, time, data = message
+                    if (channel := self.channels.get(number)) is None:
+                        self.say(f"a message of the unknown channel {number}")
+                        continue
+                    self.count += 1
+                    yield channel, time, data
             except FAULTS as error:
-                what = "chunk" if record.kind == self.chunk else "record"
+                what = "chunk" if is_chunk else "record"
                 self.say(f"the {what} at byte {self.at:,} is damaged ({_why(error)})")
             self.at = record.after
-        self._close(max(summary.messages if summary else 0, self.indexed))
+        self._close(max(self.stated, self.indexed))
 
-    def _checked(self, record: Record, chunks: set[int]) -> Record:
+    def _checked(self, record: Record) -> Record:
         """The record as the index has it: it knows where chunks are, and that more follows."""
-        if self.at in chunks and record.kind != self.chunk:
+        if self.at in self.chunks and record.kind != self.chunk:
             self.say(f"the kind of the chunk at byte {self.at:,} is wrong")
             return record._replace(kind=self.chunk)
-        if record.kind in self.ends and any(c > self.at for c in chunks):
+        if record.kind in self.ends and any(c > self.at for c in self.chunks):
             raise Damaged("an end where chunks should follow")
         if record.kind not in self.kinds:
             self.say(f"a record of the unknown kind {record.kind} (byte {self.at:,})")
@@ -119,7 +132,7 @@ class Walk(ABC):
 
     def _close(self, expected: int) -> None:
         """Compare what was read with what there should be."""
-        if not self._damages and self._cut_off():
+        if not self._damages and not self.whole and self._cut_off():
             self.say("the end of the file is cut off")
         if self.count < expected:
             missing = expected - self.count

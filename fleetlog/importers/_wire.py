@@ -69,7 +69,7 @@ class Wire:
 
 def from_json(data: Any) -> dict[str, Any]:
     """The object that a message is."""
-    message = json.loads(bytes(data))
+    message = json.loads(str(data, "utf-8"))
     if not isinstance(message, dict):
         raise ValueError("the message is no JSON object")
     return message

@@ -9,14 +9,7 @@ from pathlib import Path
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._csv_blocks import Block, blocks, cells_of, guess_encoding, rows_of
-from fleetlog.importers._csv_layout import (
-    DELIMITERS,
-    Layout,
-    find_decimal,
-    find_delimiter,
-    fit_header,
-    lay_out,
-)
+from fleetlog.importers._csv_layout import DELIMITERS, find_decimal, find_delimiter, fit_header, lay_out
 from fleetlog.importers._csv_table import TableReader
 from fleetlog.importers._open import head_of
 from fleetlog.importers._profile import Profile
@@ -48,24 +41,17 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     rows: TableRows | None = None
     for block in blocks(path, encoding, report):
         if rows is None:
-            layout, block = _begin(block, path, profile, report)
-            reader = TableReader(layout, report)
-            reader.decide(block)
-            rows = TableRows(layout.fields, _vehicle(layout, options), reader.angles, layout.decimal)
+            reader, block = _begin(block, path, profile, report)
+            if reader.fields.vehicle is None and options.vehicle is None:
+                named = f"every row is of vehicle {options.name!r}, after the file's name"
+                report.note(f"no column of vehicle ids: {named}")
+            rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
         if block.text:
             table, lines, rejects = reader.read(block)
             yield rows.batch(table, lines, block.texts, rejects, block.progress)
     if rows is None:
         raise FormatError("the file is empty", where=path, do="give a log with rows")
     rows.clock.close()
-
-
-def _vehicle(layout: Layout, options: ReadOptions) -> str:
-    """The id of every row where no column has it."""
-    if layout.fields.vehicle is None and options.vehicle is None:
-        named = f"every row is of vehicle {options.name!r}, after the file's name"
-        options.report.note(f"no column of vehicle ids: {named}")
-    return options.name
 
 
 def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
@@ -77,8 +63,8 @@ def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
     return encoding
 
 
-def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tuple[Layout, Block]:
-    """The layout that the first lines give, and the block without them."""
+def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tuple[TableReader, Block]:
+    """A reader of the columns that the first lines name, and the block without those."""
     lines = block.text.decode("utf-8", "replace").replace("\r\n", "\n").split("\n")
     comment = profile.comment or "#"
     skip, declared = profile.skip_lines, None
@@ -94,12 +80,14 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
         _check_header(names, path, skip + 1)
         skip += 1
         names = fit_header(names, rows_of(lines[skip : skip + SAMPLE], delimiter), report)
-    layout = lay_out(names, delimiter, skip, profile, report)
-    layout.decimal = profile.decimal or find_decimal(lines[skip : skip + 20], delimiter, report)
+    decimal = profile.decimal or find_decimal(lines[skip : skip + 20], delimiter, report)
+    reader = TableReader(lay_out(names, profile, report), delimiter, decimal)
     text = block.text
     for _ in range(skip):
         text = text[text.find(b"\n") + 1 :] if b"\n" in text else b""
-    return layout, Block(text, block.first + skip, block.progress, block.cut)
+    block = Block(text, block.first + skip, block.progress, block.cut)
+    reader.decide(block)
+    return reader, block
 
 
 def _check_header(names: list[str], path: Path, line: int) -> None:

@@ -17,7 +17,7 @@ from fleetlog.importers._rows import Rows, finite, gather, heading_of_course
 from fleetlog.importers._xml import Elements, local
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
-_KEPT = {"hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
+_KEPT = {"ele": "z", "hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
 _COURSES = ("course", "bearing")
 _STILL = {"wpt": "waypoint", "rtept": "route point"}
 
@@ -27,13 +27,17 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     elements = Elements(path, options.report, ("trkpt",), "wpt", "rtept", "trkseg", "trk")
     rows = Rows("latitude", "longitude", share=elements.share)
     names: set[str] = set()
+    segment, vehicle = None, options.name
 
     def take(point: Any, number: int) -> None:
-        track = _track_name(point)
-        names.update([track] if track else [])
-        creator = point.getroottree().getroot().get("creator") or ""
-        ours = track if creator.startswith("fleetlog") and options.vehicle is None else None
-        _add_point(rows, point, ours or options.name, number)
+        nonlocal segment, vehicle
+        if point.getparent() is not segment:
+            segment = point.getparent()
+            track = segment.getparent().findtext("{*}name", "").strip()
+            names.update([track] if track else [])
+            ours = (point.getroottree().getroot().get("creator") or "").startswith("fleetlog")
+            vehicle = track if track and ours and options.vehicle is None else options.name
+        _add_point(rows, point, vehicle, number)
 
     yield from gather(elements, take, rows)
     if not rows.total:
@@ -45,19 +49,15 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 def _add_point(rows: Rows, element: Any, vehicle: str, record: int) -> None:
     values: dict[str, Any] = {"latitude": finite(element.get("lat")), "longitude": finite(element.get("lon"))}
     time = None
-    for leaf in element.iter():
-        if len(leaf) or not isinstance(leaf.tag, str):
-            continue
+    for leaf in element.iterdescendants("{*}*"):
         name = local(leaf)
-        if name == "time" and leaf.getparent() is element:
+        if name in _KEPT:
+            values[_KEPT[name]] = finite(leaf.text)
+        elif name == "time" and leaf.getparent() is element:
             time = leaf.text
-        elif name == "ele":
-            values["z"] = finite(leaf.text)
         elif name in _COURSES:
             values["heading"] = heading_of_course(finite(leaf.text))
-        elif name in _KEPT:
-            values[_KEPT[name]] = finite(leaf.text)
-        elif local(leaf.getparent()) != "trkpt":
+        elif not len(leaf) and leaf.getparent() is not element:
             _keep_extension(values, name, leaf.text)
     rows.add_iso(vehicle, time, record, values, element.attrib)
 
@@ -68,13 +68,6 @@ def _keep_extension(values: dict[str, Any], name: str, text: str | None) -> None
         values[name] = number
     elif text and BY_NAME.get(name) is not None and BY_NAME[name].kind == "label":
         values[name] = text
-
-
-def _track_name(point: Any) -> str | None:
-    segment = point.getparent()
-    track = segment.getparent() if segment is not None else None
-    name = track.find("{*}name") if track is not None else None
-    return name.text.strip() if name is not None and name.text else None
 
 
 def _what_is_there(seen: Counter[str], rows: Rows) -> str:

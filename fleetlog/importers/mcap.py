@@ -14,7 +14,7 @@ from fleetlog.importers._messages import Topic
 from fleetlog.importers._open import LIMIT, Damaged, unpack
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._topics import read_recording
-from fleetlog.importers._walk import FAULTS, Message, Record, Summary, Walk
+from fleetlog.importers._walk import Item, Message, Record, Walk
 from fleetlog.importers.base import Importer, holding
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -22,7 +22,7 @@ _HEAD, _CHUNK, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<QQQI"), struct.S
 _FOOTER = 9 + 20 + 8
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(2, 9)
 STATISTICS, DATA_END = 11, 15
-_READ = frozenset({SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX})
+_READ = frozenset({SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS})
 
 
 class McapWalk(Walk):
@@ -30,7 +30,7 @@ class McapWalk(Walk):
 
     called = "an MCAP file"
     magic = MAGIC
-    chunk = CHUNK
+    chunk, inner = CHUNK, frozenset({SCHEMA, CHANNEL, MESSAGE})
     ends = frozenset({FOOTER, DATA_END})
     # From 128 on kinds are those of whoever wrote the file.
     kinds = frozenset({*range(1, 16), *range(128, 256)})
@@ -38,38 +38,24 @@ class McapWalk(Walk):
     def __init__(self, path: Path, stream: BinaryIO, report: ReadReport) -> None:
         super().__init__(path, stream, report)
         self._schemas: dict[int, str] = {}
-        self._chunks: set[int] = set()
 
-    def summary(self) -> Summary | None:
-        """See the base; the checksum of the summary is verified where it has one."""
+    def _index(self) -> bool:
+        """From the summary, whose checksum is verified where it has one."""
         if self.size < _FOOTER + len(MAGIC):
-            return None
+            return False
         self.stream.seek(self.size - _FOOTER)
         footer = self.stream.read(_FOOTER)
         head, (start, _, crc) = _HEAD.unpack_from(footer), struct.unpack_from("<QQI", footer, 9)
         placed = len(MAGIC) <= start <= self.size - _FOOTER and self.size - start <= LIMIT
         if not footer.endswith(MAGIC) or head != (FOOTER, 20) or not placed:
-            return None
+            return False
         self.stream.seek(start)
         body = self.stream.read(self.size - _FOOTER - start)
         if crc and zlib.crc32(body + footer[:25]) != crc:
-            return None
-        found = Summary()
-        try:
-            for kind, record in records(body):
-                self._index(found, kind, record)
-        except FAULTS:
-            return None
-        found.channels, self._chunks = dict(self.channels), found.chunks
-        return found
-
-    def _index(self, found: Summary, kind: int, record: memoryview) -> None:
-        if kind == CHUNK_INDEX:
-            found.chunks.add(struct.unpack_from("<Q", record, 16)[0])
-        elif kind == STATISTICS:
-            found.messages = struct.unpack_from("<Q", record)[0]
-        else:
-            self._define(kind, record)
+            return False
+        for item in records(body):
+            self._take(*item)
+        return True
 
     def _cut_off(self) -> bool:
         self.stream.seek(max(self.size - len(MAGIC), 0))
@@ -85,41 +71,34 @@ class McapWalk(Walk):
             raise Damaged("no record")
         if length > self.size - self.at - _HEAD.size:
             raise Damaged("a record runs beyond the end of the file: it is cut off or damaged")
-        read = kind in _READ or self.at in self._chunks
+        read = kind in _READ or self.at in self.chunks
         if read and length > LIMIT:
             raise Damaged(f"a record is larger than {LIMIT >> 20} MB")
-        return Record(kind, None, self.stream.read(length) if read else b"", self.at + _HEAD.size + length)
+        data = memoryview(self.stream.read(length) if read else b"")
+        return Record(kind, None, data, self.at + _HEAD.size + length)
 
-    def _take(self, record: Record) -> Iterator[Message]:
-        if record.kind == MESSAGE_INDEX:
-            self.indexed += (len(record.data) - 6) // 16
-        elif record.kind != CHUNK:
-            yield from self._item(record.kind, memoryview(record.data))
-        else:
-            for kind, item in records(unpack_chunk(record.data)):
-                yield from self._item(kind, item)
+    def _items(self, chunk: Record) -> Iterator[Item]:
+        return records(unpack_chunk(chunk.data))
 
-    def _item(self, kind: int, record: memoryview) -> Iterator[Message]:
-        if kind != MESSAGE:
-            self._define(kind, record)
-            return
-        number, _, time, _ = _MESSAGE.unpack_from(record)
-        channel = self.channels.get(number)
-        if channel is None:
-            self.say(f"a message of the unknown channel {number}")
-            return
-        self.count += 1
-        yield channel, min((time + 500) // 1000, 1 << 62), record[_MESSAGE.size :]
-
-    def _define(self, kind: int, record: memoryview) -> None:
+    def _take(self, kind: int, header: None, data: memoryview) -> Message | None:
+        if kind == MESSAGE:
+            number, _, time, _ = _MESSAGE.unpack_from(data)
+            return number, min((time + 500) // 1000, 1 << 62), data[_MESSAGE.size :]
         if kind == SCHEMA:
-            (number,) = struct.unpack_from("<H", record)
-            self._schemas[number], _ = _text(record, 2)
+            (number,) = struct.unpack_from("<H", data)
+            self._schemas[number], _ = _text(data, 2)
         elif kind == CHANNEL:
-            number, schema = struct.unpack_from("<HH", record)
-            topic, at = _text(record, 4)
-            encoding, _ = _text(record, at)
+            number, schema = struct.unpack_from("<HH", data)
+            topic, at = _text(data, 4)
+            encoding, _ = _text(data, at)
             self.channels[number] = Topic(topic, self._schemas.get(schema, ""), encoding)
+        elif kind == MESSAGE_INDEX:
+            self.indexed += (len(data) - 6) // 16
+        elif kind == CHUNK_INDEX:
+            self.chunks[struct.unpack_from("<Q", data, 16)[0]] = 0
+        elif kind == STATISTICS:
+            (self.stated,) = struct.unpack_from("<Q", data)
+        return None
 
 
 def _text(record: memoryview, at: int) -> tuple[str, int]:
@@ -129,8 +108,8 @@ def _text(record: memoryview, at: int) -> tuple[str, int]:
     return bytes(record[at + 4 : at + 4 + length]).decode("utf-8", "replace"), at + 4 + length
 
 
-def records(data: bytes) -> Iterator[tuple[int, memoryview]]:
-    """(kind, content) of the records in a chunk."""
+def records(data: bytes) -> Iterator[Item]:
+    """The records in a chunk; none has a header."""
     view, at, end = memoryview(data), 0, len(data)
     while at < end:
         if end - at < _HEAD.size:
@@ -139,16 +118,16 @@ def records(data: bytes) -> Iterator[tuple[int, memoryview]]:
         at += _HEAD.size
         if length > end - at:
             raise Damaged("a record runs beyond its end")
-        yield kind, view[at : at + length]
+        yield kind, None, view[at : at + length]
         at += length
 
 
-def unpack_chunk(body: bytes) -> bytes:
+def unpack_chunk(body: memoryview) -> bytes:
     """The records of a chunk, unpacked within the size that it states, and checked."""
     _, _, size, crc = _CHUNK.unpack_from(body)
-    packing, at = _text(memoryview(body), _CHUNK.size)
+    packing, at = _text(body, _CHUNK.size)
     (length,) = struct.unpack_from("<Q", body, at)
-    packed = body[at + 8 : at + 8 + length]
+    packed = bytes(body[at + 8 : at + 8 + length])
     data = unpack(packing, packed, size)
     if crc and zlib.crc32(data) != crc:
         raise Damaged("its checksum is wrong")

@@ -10,15 +10,14 @@ import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from fleetlog.core.files import SETTINGS, open_regular, read_whole
 from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._messages import Topic
 from fleetlog.importers._open import LIMIT, Damaged, plain_stem, plain_suffix, refuse_packed, unpack
-from fleetlog.importers._topics import Decoder, plan, read_recording
-from fleetlog.importers._walk import FAULTS, Message, Record, Summary, Walk
+from fleetlog.importers._topics import LOOKED_FOR, Decoder, plan, read_recording
+from fleetlog.importers._walk import Item, Message, Record, Walk
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 from fleetlog.importers.mcap import McapWalk
 
@@ -37,40 +36,24 @@ class BagWalk(Walk):
 
     called = "a ROS 1 bag"
     magic = MAGIC
-    chunk = CHUNK
+    chunk, inner = CHUNK, frozenset({CONNECTION, MESSAGE})
     kinds = frozenset({MESSAGE, HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION})
 
-    def _cut_off(self) -> bool:
-        return self.summary() is None
-
-    def summary(self) -> Summary | None:
-        """See the base; from the connections and chunk infos at the end of the bag."""
-        found = Summary()
-        try:
-            self.at = len(MAGIC)
-            first = self._next()
-            (at,) = struct.unpack("<Q", first.header[b"index_pos"])
-            stated = tuple(_LENGTH.unpack(first.header[k])[0] for k in (b"conn_count", b"chunk_count"))
-            if first.kind != HEADER or not 0 < at <= self.size:
-                return None
-            self.at = at
-            while self.at < self.size:
-                record = self._next()
-                self._index(found, record)
-                self.at = record.after
-        except FAULTS:
-            return None
-        found.channels = dict(self.channels)
-        return found if (len(self.channels), len(found.chunks)) == stated else None
-
-    def _index(self, found: Summary, record: Record) -> None:
-        if record.kind == CONNECTION:
-            self._connect(record.header, record.data)
-        elif record.kind == CHUNK_INFO:
-            found.chunks.add(struct.unpack("<Q", record.header[b"chunk_pos"])[0])
-            found.messages += sum(count for _, count in struct.iter_unpack("<II", record.data))
-        else:
-            raise Damaged("the index is wrong")
+    def _index(self) -> bool:
+        """From the connections and chunk infos at the end of the bag."""
+        self.at = len(MAGIC)
+        first = self._next()
+        (self.at,) = struct.unpack("<Q", first.header[b"index_pos"])
+        stated = tuple(_LENGTH.unpack(first.header[k])[0] for k in (b"conn_count", b"chunk_count"))
+        if first.kind != HEADER or not 0 < self.at <= self.size:
+            return False
+        while self.at < self.size:
+            kind, header, data, self.at = self._next()
+            if kind not in (CONNECTION, CHUNK_INFO):
+                return False
+            self._take(kind, header, data)
+        self.stated = sum(self.chunks.values())
+        return (len(self.channels), len(self.chunks)) == stated
 
     def _next(self) -> Record:
         self.stream.seek(self.at)
@@ -87,39 +70,33 @@ class BagWalk(Walk):
             raise Damaged("a record runs beyond the end of the bag: it is cut off or damaged")
         return self.stream.read(length)
 
-    def _take(self, record: Record) -> Iterator[Message]:
-        if record.kind == INDEX:
-            self.indexed += _LENGTH.unpack(record.header[b"count"])[0]
-        elif record.kind != CHUNK:
-            yield from self._item(record.kind, record.header, record.data)
-        else:
-            (size,) = _LENGTH.unpack(record.header[b"size"])
-            data = unpack(record.header[b"compression"].decode("ascii", "replace"), record.data, size)
-            at = 0
-            while at < len(data):
-                head, at = _cut(data, at)
-                body, at = _cut(data, at)
-                header = _header(head)
-                yield from self._item(_kind(header), header, body)
+    def _items(self, chunk: Record) -> Iterator[Item]:
+        (size,) = _LENGTH.unpack(chunk.header[b"size"])
+        data = unpack(chunk.header[b"compression"].decode("ascii", "replace"), chunk.data, size)
+        at = 0
+        while at < len(data):
+            head, at = _cut(data, at)
+            body, at = _cut(data, at)
+            header = _header(head)
+            yield _kind(header), header, body
 
-    def _item(self, kind: int, header: Header, data: Any) -> Iterator[Message]:
-        if kind == CONNECTION:
-            self._connect(header, data)
-        elif kind == MESSAGE:
-            channel = self.channels.get(_LENGTH.unpack(header[b"conn"])[0])
+    def _take(self, kind: int, header: Header, data: bytes) -> Message | None:
+        if kind == MESSAGE:
             seconds, nanoseconds = struct.unpack("<II", header[b"time"])
-            if channel is None:
-                self.say("a message of an unknown connection")
-                return
-            self.count += 1
-            yield channel, seconds * 1_000_000 + (nanoseconds + 500) // 1000, data
-
-    def _connect(self, header: Header, data: bytes) -> None:
-        (number,) = _LENGTH.unpack(header[b"conn"])
-        about = _header(data)
-        topic = about.get(b"topic") or header[b"topic"]
-        schema = about.get(b"type", b"").decode("utf-8", "replace")
-        self.channels[number] = Topic(topic.decode("utf-8", "replace"), schema, "ros1")
+            time = seconds * 1_000_000 + (nanoseconds + 500) // 1000
+            return _LENGTH.unpack(header[b"conn"])[0], time, data
+        if kind == CONNECTION:
+            about = _header(data)
+            topic = about.get(b"topic") or header[b"topic"]
+            schema = about.get(b"type", b"").decode("utf-8", "replace")
+            channel = Topic(topic.decode("utf-8", "replace"), schema, "ros1")
+            self.channels[_LENGTH.unpack(header[b"conn"])[0]] = channel
+        elif kind == INDEX:
+            self.indexed += _LENGTH.unpack(header[b"count"])[0]
+        elif kind == CHUNK_INFO:
+            messages = sum(count for _, count in struct.iter_unpack("<II", data))
+            self.chunks[struct.unpack("<Q", header[b"chunk_pos"])[0]] = messages
+        return None
 
 
 def _kind(header: Header) -> int:
@@ -221,7 +198,9 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             decoder = Decoder(roles, options.report, lambda: decoder.record / total if decoder else 0.0)
             wanted = [c for c in bag.connections if c.topic in roles]
             for connection, time, data in bag.messages(connections=wanted):
-                yield from decoder.feed(connection.topic, (time + 500) // 1000, data)
+                decoder.feed(connection.topic, (time + 500) // 1000, data)
+                if decoder.record % LOOKED_FOR == 0:
+                    yield from decoder.ready()
         if decoder.record < (stated := sum(c.msgcount for c in wanted)):
             what = f"{decoder.record:,} of the {stated:,} messages"
             options.report.damaged(f"{what} that the bag counts are in it")

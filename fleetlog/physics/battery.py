@@ -15,6 +15,7 @@ estimates of ours, typical of the chemistry and no maker's data.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,34 +25,22 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import TruckError, nearest
 
 REFERENCE_TEMPERATURE = 20.0  # At which capacity and resistance are stated [degC]
-CHARGING = -300.0
-"""A standing truck whose battery takes more than this is being charged [W]: no wheel gave it."""
-COLDEST = 0.2
-"""Share of capacity that remains however cold it is; keeps the linear law from going through zero."""
+CHARGING = -300.0  # A standing truck whose battery takes more is being charged [W]: no wheel gave it
+COLDEST = 0.2  # Share of capacity that remains however cold it is: the linear law would go through zero
 
 
 @dataclass(frozen=True)
 class BatteryModel:
-    """One battery.
+    """One battery."""
 
-    Attributes
-    ----------
-    capacity_ah : charge at the rated current and 20 degC [Ah].
-    soc, voltage : knots of the open-circuit voltage: (K,) shares, growing from 0 to 1, and (K,) volts.
-    resistance : inner resistance at 20 degC [ohm].
-    peukert : exponent k, 1 where rate does not matter;  rated_hours : discharge time that the capacity is
-        rated at [h].
-    capacity_per_kelvin, resistance_per_kelvin : shares lost, gained per kelvin below 20 degC.
-    """
-
-    capacity_ah: float
-    soc: tuple[float, ...]
-    voltage: tuple[float, ...]
-    resistance: float = 0.0
-    peukert: float = 1.0
-    rated_hours: float = 5.0
-    capacity_per_kelvin: float = 0.0
-    resistance_per_kelvin: float = 0.0
+    capacity_ah: float  # Charge at the rated current and 20 degC [Ah]
+    soc: tuple[float, ...]  # Knots of the open-circuit voltage: (K,) shares, growing from 0 to 1 ...
+    voltage: tuple[float, ...]  # ... and (K,) volts
+    resistance: float = 0.0  # At 20 degC [ohm]
+    peukert: float = 1.0  # Exponent k, 1 where rate does not matter
+    rated_hours: float = 5.0  # Discharge time that the capacity is rated at [h]
+    capacity_per_kelvin: float = 0.0  # Share lost per kelvin below 20 degC
+    resistance_per_kelvin: float = 0.0  # Share gained per kelvin below 20 degC
 
     def __post_init__(self) -> None:
         if self.resistance > 0.0 and self.peukert != 1.0:
@@ -59,8 +48,6 @@ class BatteryModel:
                 "the battery has a resistance and a Peukert exponent, which describe the same loss",
                 do="set one of them to 0 or 1",
             )
-        if len(self.soc) != len(self.voltage) or np.any(np.diff(self.soc) <= 0.0):
-            raise TruckError("the open-circuit voltage needs growing states of charge, one voltage each")
 
 
 # Volts per nominal volt over state of charge; estimates typical of the chemistry.
@@ -77,8 +64,7 @@ CHEMISTRIES: dict[str, BatteryModel] = {
 def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) -> BatteryModel:
     """The battery of a truck file, with the shape of a chemistry (``constant``, ``lfp``, ``lead``).
 
-    The charge is capacity_wh / voltage; with ``peukert`` other than 1 it stands in place of the file's
-    resistance.
+    Its charge is capacity_wh / voltage; a ``peukert`` other than 1 stands in place of the resistance.
     """
     if chemistry not in CHEMISTRIES:
         raise TruckError(f"unknown chemistry {chemistry!r}", do=nearest(chemistry, CHEMISTRIES))
@@ -92,36 +78,21 @@ def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) 
     )
 
 
-@dataclass(frozen=True)
-class Discharge:
-    """What a battery did: (N,) state of charge after each sample, terminal voltage [V],
-    current [A] and two alarms."""
+class Discharge(NamedTuple):
+    """What a battery did, (N,) each."""
 
-    soc: Floats
-    voltage: Floats
-    current: Floats
+    soc: Floats  # State of charge after each sample
+    voltage: Floats  # At the terminals [V]
+    current: Floats  # [A]
     collapsed: NDArray[np.bool_]  # The power asked for is more than the battery can give
     empty: NDArray[np.bool_]  # Charge is at 0 and more is drawn
-
-    def line(self, dt: Floats) -> str | None:
-        """The alarms as a sentence, None where there are none."""
-        parts = []
-        if self.collapsed.any():
-            lowest = self.voltage[self.collapsed].min()
-            parts.append(f"the voltage collapses (to {lowest:.1f} V) for {dt[self.collapsed].sum():.1f} s")
-        if self.empty.any():
-            parts.append(f"the battery is empty for {dt[self.empty].sum():.0f} s")
-        return " and ".join(parts) or None
 
 
 def discharge(
     power: Floats, dt: Floats, battery: BatteryModel, soc: float, temperature: float = float("nan")
 ) -> Discharge:
-    """Follow a battery through (N,) terminal powers [W] of (N,) durations [s] from a state of charge.
-
-    The charge is kept within 0 and 1; samples that would leave it empty are marked.  A NaN temperature
-    counts as 20 degC.
-    """
+    """Follow a battery through (N,) terminal powers [W] of (N,) durations [s] from a state of charge, kept
+    within 0 and 1; samples that would leave it empty are marked.  A NaN temperature counts as 20 degC."""
     from fleetlog.physics.kernels import follow
 
     below = 0.0 if np.isnan(temperature) else REFERENCE_TEMPERATURE - temperature

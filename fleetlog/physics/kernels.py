@@ -1,18 +1,22 @@
-"""Compiled loops; imported only where they run."""
+"""Compiled loops of battery and speed profile; imported only where they run."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
+from fleetlog.physics.term import GRAVITY
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+AT_REST = 0.02  # A speed at a node under this means a stop [m/s]
 
 
 @kernel()
 def follow(
     power: Floats, dt: Floats, soc: float, knots: Floats, volts: Floats, resistance: float,
     capacity_ah: float, peukert: float, rated_current: float,
-) -> tuple[Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
+) -> tuple[Floats, Floats, Floats, Flags, Flags]:  # fmt: skip
     """Charge, voltage, current, collapse and emptiness after each of (N,) samples;
     see :mod:`fleetlog.physics.battery`."""
     n = len(power)
@@ -42,3 +46,44 @@ def follow(
         soc = min(soc, 1.0)
         charge[i], current[i], voltage[i] = soc, amps, e - resistance * amps
     return charge, voltage, current, collapsed, empty
+
+
+@kernel()
+def passes(
+    distance: Floats, cap: Floats, slope: Floats, mass: Floats, up: float, down: float, power: float,
+    rolling: float
+) -> Floats:  # fmt: skip
+    """(N,) speeds: never above ``cap``, gathered with ``up`` and the power at the wheel, shed with ``down``;
+    between two nodes the acceleration is constant, so the square of the speed is linear in distance."""
+    n = len(distance)
+    square = cap * cap
+    for i in range(n - 1):
+        ds = distance[i + 1] - distance[i]
+        v, a = np.sqrt(square[i]), up
+        level = slope[i] == 0.0
+        resist = GRAVITY * (rolling if level else rolling * np.cos(slope[i]) + np.sin(slope[i]))
+        if (up + resist) * mass[i] * v > power:
+            a = power / (v * mass[i]) - resist
+        square[i + 1] = min(square[i + 1], max(square[i] + 2.0 * a * ds, 0.0))
+    for i in range(n - 1, 0, -1):
+        ds = distance[i] - distance[i - 1]
+        square[i - 1] = min(square[i - 1], square[i] + 2.0 * down * ds)
+    return np.sqrt(square)
+
+
+@kernel()
+def clock(distance: Floats, speed: Floats, wait: Floats, up: float, down: float) -> Floats:
+    """(N,) arrival times [s]; ``wait`` is spent at a node before going on.  A stretch with a stop at either
+    end, or a hair from one, is driven up and down again within it."""
+    n = len(distance)
+    time = np.zeros(n)
+    for i in range(n - 1):
+        ds, total = distance[i + 1] - distance[i], speed[i] + speed[i + 1]
+        if ds <= 0.0:
+            took = 0.0
+        elif max(speed[i], speed[i + 1]) > AT_REST:
+            took = 2.0 * ds / total
+        else:
+            took = np.sqrt(2.0 * ds * (1.0 / up + 1.0 / down))
+        time[i + 1] = time[i] + wait[i] + took
+    return time

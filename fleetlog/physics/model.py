@@ -30,20 +30,16 @@ from fleetlog.core.network import Network
 from fleetlog.core.schema import anything, flag, list_of, load_toml, moment, real, table, tables, text, whole
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
-from fleetlog.physics.field import Field, field_of, field_table, mirrored
+from fleetlog.physics.field import Field, load_field, mirrored, save_field
 from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Term, Values
 
 FILE = "model.toml"
 KEYS = {
-    "format_version": whole(),
-    "truck": text,
-    "off": list_of(text),
-    "term": tables,
-    "interval": tables,
+    "format_version": whole(), "truck": text, "off": list_of(text), "term": tables, "interval": tables,
     "own": list_of(anything),
-}
+}  # fmt: skip
 OWN_KEYS = {"vehicles": list_of(text, 1), "from": moment, "until": moment, "drift": flag, "term": tables}
 NUMBER = real(-1e12, 1e12)
 
@@ -53,8 +49,10 @@ def save_physics(path: str | Path, physics: Physics, network: Network | None = N
     import tomli_w
 
     folder = Path(path)
-    term = _term_tables(physics.values, physics.fields, folder, network)
-    data = {"format_version": 1, "truck": physics.truck.name, "off": sorted(physics.off), "term": term}
+    data = {
+        "format_version": 1, "truck": physics.truck.name, "off": sorted(physics.off),
+        "term": _term_tables(physics, folder, network),
+    }  # fmt: skip
     if physics.intervals:
         data["interval"] = {n: {k: list(v) for k, v in p.items()} for n, p in physics.intervals.items()}
     if physics.own:
@@ -62,11 +60,31 @@ def save_physics(path: str | Path, physics: Physics, network: Network | None = N
     (folder / FILE).write_text(tomli_w.dumps(data), encoding="utf-8")
 
 
-def load_physics(path: str | Path, truck: Truck, network: Network | None = None) -> Physics:
-    """The physics of a model file, or of its folder, for a truck and the network that motions will lie on.
+def _own_table(own: Own, folder: Path, network: Network | None) -> dict[str, Any]:
+    times = {"from": own.begin, "until": own.until}
+    return {
+        **({} if own.vehicles is None else {"vehicles": list(own.vehicles)}),
+        **{key: datetime.fromtimestamp(at, UTC) for key, at in times.items() if np.isfinite(at)},
+        **({"drift": True} if own.drift else {}),
+        "term": _term_tables(own, folder, network),
+    }
 
-    :class:`InputError` names the file, the term or parameter at fault and the nearest known one.
-    """
+
+def _term_tables(of: Physics | Own, folder: Path, network: Network | None) -> dict[str, dict[str, Any]]:
+    """The tables of terms as TOML has them; their fields are written beside the model."""
+    out: dict[str, dict[str, Any]] = {
+        n: {k: float(np.asarray(x)) for k, x in v.items()} for n, v in of.values.items()
+    }
+    for name, field in of.fields.items():
+        place = f"fields/{name}.parquet"
+        save_field(folder / place, field, network)
+        out.setdefault(name, {})["field"] = place
+    return out
+
+
+def load_physics(path: str | Path, truck: Truck, network: Network | None = None) -> Physics:
+    """The physics of a model file, or of its folder, for a truck and the network that motions will lie on;
+    :class:`InputError` names the file, the term or parameter at fault and the nearest known one."""
     path = Path(path)
     file = path / FILE if path.is_dir() else path
     do = "give the output of fleetlog diagnose, or its model.toml"
@@ -81,30 +99,6 @@ def load_physics(path: str | Path, truck: Truck, network: Network | None = None)
     }
     own = tuple(_own(o, f"own.{i}", network, file) for i, o in enumerate(data.get("own", ())))
     return Physics(truck, values, off, found, intervals, own)
-
-
-def _term_tables(
-    values: Mapping[str, Values], found: Mapping[str, Field], folder: Path, network: Network | None
-) -> dict[str, dict[str, Any]]:
-    """The tables of terms as TOML has them; their fields are written beside the model."""
-    out: dict[str, dict[str, Any]] = {
-        n: {k: float(np.asarray(x)) for k, x in v.items()} for n, v in values.items()
-    }
-    for name, field in found.items():
-        (folder / "fields").mkdir(exist_ok=True)
-        place = f"fields/{name}.parquet"
-        field_table(field, network).to_parquet(folder / place, index=False)
-        out.setdefault(name, {})["field"] = place
-    return out
-
-
-def _own_table(own: Own, folder: Path, network: Network | None) -> dict[str, Any]:
-    out: dict[str, Any] = {} if own.vehicles is None else {"vehicles": list(own.vehicles)}
-    for key, at in (("from", own.begin), ("until", own.until)):
-        if np.isfinite(at):
-            out[key] = datetime.fromtimestamp(at, UTC)
-    terms = _term_tables(own.values, own.fields, folder, network)
-    return {**out, **({"drift": True} if own.drift else {}), "term": terms}
 
 
 def _read_terms(
@@ -142,20 +136,14 @@ def _term(name: str, file: Path) -> Term:
 
 def _field(term: Term, place: str, network: Network | None, file: Path) -> Field:
     """The field at a place in the folder of the model, or below it."""
-    import pandas as pd
-    import pyarrow as pa
-
     parquet, spot = file.parent / place, f"term.{term.name}.field"
     if not term.field:
         raise InputError("this term does not vary over the roads", where=file, place=spot, do="give a number")
     if not parquet.resolve().is_relative_to(file.parent.resolve()):
         outside = f"{place!r} lies outside the model's folder"
         raise InputError(outside, where=file, place=spot, do="move it there")
-    try:
-        field = field_of(pd.read_parquet(parquet), network, parquet)
-    except FileNotFoundError:
-        raise InputError(f"{parquet.name} is missing", where=file, place=spot) from None
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"not readable as Parquet: {error}", where=parquet) from None
+    if not parquet.exists():
+        raise InputError(f"{parquet.name} is missing", where=file, place=spot)
+    field = load_field(parquet, network)
     # What belongs to the road itself acts in both directions; a rule of traffic only where it was seen.
     return mirrored(field, network, term.odd) if network is not None and term.acts == "force" else field

@@ -10,27 +10,19 @@ from fleetlog.physics.term import Floats, Values
 
 @dataclass(frozen=True)
 class Own:
-    """``values[term]`` and ``fields[term]`` of some ``vehicles`` (names; None: all) from ``begin`` to
-    ``until`` [s since 1970].
-
-    ``drift``: they come in evenly from ``begin`` to ``until``, and hold after it.
-    """
+    """``values[term]`` and ``fields[term]`` of some vehicles, or of some time."""
 
     values: dict[str, Values]
-    vehicles: tuple[str, ...] | None = None
-    begin: float = -np.inf
+    vehicles: tuple[str, ...] | None = None  # Names; None: all
+    begin: float = -np.inf  # [s since 1970]
     until: float = np.inf
-    drift: bool = False
+    drift: bool = False  # They come in evenly from ``begin`` to ``until``, and hold after it
     fields: dict[str, Field] = field(default_factory=dict)
 
     @property
     def timed(self) -> bool:
         """Whether they hold for a time only."""
         return bool(np.isfinite(self.begin) or np.isfinite(self.until))
-
-    def share(self, time: Floats) -> Floats:
-        """Return how far they hold at some times [s], (N,): 0 to 1."""
-        return share(time, self.begin, self.until, self.drift)
 
 
 def share(time: Floats, begin: float, until: float, drift: bool) -> Floats:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from types import MappingProxyType
 
 import numpy as np
@@ -20,7 +21,7 @@ import numpy as np
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.field import Field
-from fleetlog.physics.own import Own
+from fleetlog.physics.own import Own, share
 from fleetlog.physics.term import Floats, Term, Values
 from fleetlog.registry import parts
 
@@ -32,21 +33,16 @@ def all_terms() -> dict[str, Term]:
 
 @dataclass(frozen=True)
 class Physics:
-    """The nominal truck and the values of the terms that were added or changed; the one list of terms.
-
-    ``values[term]`` maps the term's parameters to numbers, or to (N,) arrays along a given motion.  Terms in
-    ``off`` are left out of the sum, nominal or not.  ``fields[term]`` holds the first parameter of a field
-    term where it varies over the roads; its edges are those of the network that the motions lie on.
-    ``intervals[term][parameter]`` is (low, high).  ``own`` holds what some vehicles, or some hours, have in
-    place of that; see :meth:`of` and :meth:`phases`.
-    """
+    """The nominal truck and the values of the terms that were added or changed; the one list of terms."""
 
     truck: Truck
     values: dict[str, Values] = field(default_factory=dict)
-    off: frozenset[str] = frozenset()
+    """By term: its parameters as numbers, or as (N,) arrays along a given motion."""
+    off: frozenset[str] = frozenset()  # Terms left out of the sum, nominal or not
     fields: dict[str, Field] = field(default_factory=dict)
-    intervals: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)
-    own: tuple[Own, ...] = ()
+    """By term: its first parameter where it varies over the roads of the network that the motions lie on."""
+    intervals: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)  # Low and high
+    own: tuple[Own, ...] = ()  # What some vehicles, or hours, have instead; see :meth:`of`, :meth:`phases`
 
     def of(self, vehicle: str, start: float = 0.0) -> Physics:
         """Return the physics of one vehicle, by its name; times count from ``start`` [s since 1970]."""
@@ -69,19 +65,12 @@ class Physics:
 
     def phases(self, time: Floats) -> list[tuple[Floats, Physics]]:
         """Return what holds along the (N,) times of one vehicle's motion: shares (N,), summing to 1, each
-        with a physics.
-
-        A drift is told by its two ends, so that power in between is a mean of both.
-        """
+        with a physics; a drift by its two ends, so that power in between is a mean of both."""
         out = [(np.ones(len(time)), self.fleet)]
         for o in self.own:
-            part = o.share(time)
-            parts = [
-                (w * s, q)
-                for w, p in out
-                for s, q in ((1.0 - part, p), (part, p.changed(o.values, o.fields)))
-            ]
-            out = [(w, p) for w, p in parts if w.any()]
+            part = share(time, o.begin, o.until, o.drift)
+            split = [[(w * (1.0 - part), p), (w * part, p.changed(o.values, o.fields))] for w, p in out]
+            out = [(w, p) for w, p in chain.from_iterable(split) if w.any()]
         return out
 
     def at(self, time: float) -> Physics:
@@ -90,11 +79,9 @@ class Physics:
 
     def active(self) -> list[Term]:
         """Nominal terms and added ones, in the order of their names."""
-        return [
-            t
-            for n, t in sorted(all_terms().items())
-            if (t.nominal or n in self.values or n in self.fields) and n not in self.off
-        ]
+        used = {*self.values, *self.fields}
+        known = sorted(all_terms().items())
+        return [t for n, t in known if (t.nominal or n in used) and n not in self.off]
 
     def values_along(self, term: Term, motion: Motion) -> Values:
         """The values of a term's parameters, its field looked up along the motion."""
@@ -122,8 +109,8 @@ class Physics:
         """The motion with the load that acts, where a term replaces it."""
         for term in self.active():
             if term.acts == "load" and term.function is not None:
-                payload = term.function(motion, self.truck, self.values_along(term, motion))
-                motion = motion.replaced(payload=payload)
+                load = term.function(motion, self.truck, self.values_along(term, motion))
+                motion = motion.replaced(payload=load)
         return motion
 
 
@@ -133,10 +120,8 @@ def term_forces(motion: Motion, physics: Physics) -> dict[str, Floats]:
 
 
 def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = None) -> dict[str, Floats]:
-    """Battery power by term, (N,) watts each; the sum over terms is the model's power.
-
-    ``forces`` are the :func:`term_forces` where they are at hand already.
-    """
+    """Battery power by term, (N,) watts each; the sum over terms is the model's power.  ``forces`` are the
+    :func:`term_forces` where they are at hand already."""
     if physics.own:
         return _over_phases(motion, physics, lambda p: ledger(motion, p))
     forces = term_forces(motion, physics) if forces is None else forces

@@ -22,52 +22,34 @@ AIR_DENSITY = 1.2  # Of the air at 20 degC and 1013 hPa, rounded as the nominal 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a term.
-
-    Attributes
-    ----------
-    name, unit : of the number.
-    low, high : bounds of what is physically plausible; no estimate is reported on one.
-    neutral : the value at which the term changes nothing; with ``truck_key`` the nominal truck's own value is
-        taken instead.
-    truck_key : the truck's value that it replaces, as ``drive.efficiency``.
-    tolerance : how far a truck file or a logger may be off without being wrong (95 %): a share of the truck's
-        value, or in the parameter's unit where there is none.  0: any deviation is a finding.
-    inverse : the model is linear in the inverse of the number, as in that of an efficiency.
-    shape : the number only gives the effect its shape (a threshold); it is scanned, and has no effect by
-        itself.
-    bounds : state variable that the number is a threshold of.
-    usual : how far values of a field are usually apart from place to place, in the coordinate of
-        :meth:`scaled`.
-    ceiling : the nominal value is what is allowed; a larger one is a habit, not a finding.
-    reach : a limit acts only once it is so far below the nominal value; its slope there is taken over that.
-    sentence : the finding in one sentence where this number is what was found, in place of the term's.
-    added : the difference from the nominal value is reported beside the value.
-    """
+    """A number of a term."""
 
     name: str
     unit: str
-    low: float
+    low: float  # Bounds of what is physically plausible; no estimate is reported on one
     high: float
-    neutral: float = 0.0
-    truck_key: str | None = None
+    neutral: float = (
+        0.0  # The value at which the term changes nothing; that of ``truck_key`` where it has one
+    )
+    truck_key: str | None = None  # The truck's value that it replaces, as ``drive.efficiency``
     tolerance: float = 0.0
-    inverse: bool = False
+    """How far a truck file or a logger may be off without being wrong (95 %): a share of the truck's value,
+    or in the parameter's unit where there is none.  0: any deviation is a finding."""
+    inverse: bool = False  # The model is linear in the inverse of the number, as in that of an efficiency
     shape: bool = False
-    bounds: str | None = None
+    """It only gives the effect its shape (a threshold); it is scanned, and has no effect by itself."""
+    bounds: str | None = None  # State variable that the number is a threshold of
     usual: float = 1.0
-    ceiling: bool = False
-    added: bool = False
+    """How far values of a field usually are apart from place to place, in its coordinate (:meth:`scaled`)."""
+    ceiling: bool = False  # The nominal value is what is allowed; a larger one is a habit, not a finding
+    added: bool = False  # The difference from the nominal value is reported beside the value
     reach: float = 0.0
-    sentence: str = ""
+    """A limit acts only once it is so far below the nominal value; its slope there is taken over that."""
+    sentence: str = ""  # The finding in one sentence where this number is what was found, not the term's
 
     def nominal(self, truck: Truck) -> float:
         """Return the value in the nominal model."""
         return truck.value(self.truck_key) if self.truck_key else self.neutral
-
-    def scaled_nominal(self, truck: Truck) -> float:
-        """Return the coordinate of the nominal value."""
-        return self.scaled(self.nominal(truck))
 
     def allowance(self, truck: Truck) -> float:
         """Return the tolerance in the parameter's unit."""
@@ -103,11 +85,6 @@ class Term:
     traffic    nothing of its own: time lost while other vehicles were in the way, as their positions show
     sensor     nothing of its own: a fault of the recording, not of the vehicle
     =========  ==========================================================================================
-
-    ``nominal`` terms belong to the nominal model.  A ``field`` term's first parameter may vary over the road
-    network: its values come per stretch of directed edge; ``odd`` if the two directions of a road have
-    opposite values (slope), ``one_way`` if each direction has its own, else they share one.
-    ``vector``: the parameters are components of one quantity and are found together.
     """
 
     name: str
@@ -115,11 +92,12 @@ class Term:
     statement: str  # What it is, for a fleet engineer; a clause without a full stop
     parameters: tuple[Parameter, ...] = ()
     function: Function | None = None
-    nominal: bool = False
+    nominal: bool = False  # It belongs to the nominal model
     field: bool = False
-    odd: bool = False
-    one_way: bool = False
-    vector: bool = False
+    """Its first parameter may vary over the road network: its values come per stretch of directed edge."""
+    odd: bool = False  # The two directions of a road have opposite values (slope) ...
+    one_way: bool = False  # ... or each its own, else they share one
+    vector: bool = False  # The parameters are components of one quantity and are found together
     depends_on: tuple[str, ...] = ()  # The state variables that a mismatch follows where this term is missing
     sentence: str = ""
     """The finding in one sentence: a format string over the parameters by name (each with ``value``, ``low``,

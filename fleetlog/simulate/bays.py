@@ -1,16 +1,21 @@
-"""Where trucks stand beside the road: a bay at every place, reached from a lane over a spur."""
+"""Where trucks stand beside the road: a bay at every place, reached from a lane over a spur.
+
+Where a site has no places, or too few, bays are drawn along its roads.
+"""
 
 from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
 
-from fleetlog.core.site import Place
+from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.arrays import Flags, Floats
+from fleetlog.errors import SiteError
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.doors import SHARES, Bay, Door, Stand, door_beside, opposite_spur, span
-from fleetlog.simulate.junctions import Junctions, half_box
+from fleetlog.simulate.junctions import GAP, Junctions, half_box
 from fleetlog.simulate.track import SPACING, Track, arc, even, moved
+from fleetlog.simulate.ways import main_part
 
 OFF_ROADS = 15.0  # A place farther than this from every road is not on the site [m]
 REACH = 25.0  # A bay is drawn at most this far along the road from its place [m]
@@ -25,6 +30,8 @@ class BayMaker:
     ) -> None:
         from scipy.spatial import cKDTree
 
+        from fleetlog.simulate.kernels.geometry import PASSED, SAFE, new_cells, put
+
         self.track, self.junctions, self.truck, self.side = track, junctions, truck, side
         self.stands = stands
         self.half = half_box(truck)
@@ -34,7 +41,10 @@ class BayMaker:
         self.lasting = np.ones(lanes, dtype=bool)
         """(E,) lanes that bays may lie on."""
         self.bays: list[Bay] = []
-        self._ground = Ground(track, junctions.resource < 0, self.half)
+        boxes = np.column_stack([track.x, track.y, track.heading])
+        self._ground = new_cells(track.x, track.y, 2.0 * float(np.hypot(*self.half)), len(boxes))
+        kind = np.where(junctions.resource < 0, SAFE, PASSED).astype(np.int32)
+        put(self._ground, boxes, track.owner, kind)
 
     def lanes_near(self, x: float, y: float) -> list[tuple[float, int, float]]:
         """(distance, lane, offset) of the lanes within reach of a point, nearest first."""
@@ -66,10 +76,15 @@ class BayMaker:
         return self._kept(place, self._try(place, lane, at, 0.0, False))
 
     def _kept(self, place: Place, door: Door | None) -> Bay | None:
+        from fleetlog.simulate.kernels.geometry import PARKED, PASSED, grown, put
+
         if door is None:
             return None
         self.bays.append(Bay(place, door))
-        self._ground.take(door.path)
+        kind = np.full(len(door.path), PASSED, np.int32)
+        kind[-1] = PARKED
+        self._ground = grown(self._ground, len(kind))
+        put(self._ground, door.path, np.full_like(kind, -1), kind)
         return self.bays[-1]
 
     def from_both(self, lane: int, centre: float, radius: float) -> bool:
@@ -83,18 +98,11 @@ class BayMaker:
         return bool(low + SPACING <= at <= high)
 
     def _nearest(self, place: Place, near: list[tuple[float, int, float]], both: bool) -> Door | None:
-        best: tuple[float, Door] | None = None
-        for gap, lane, at in near:
-            if best is not None and gap > best[0] + REACH:
-                break
-            for shift in np.arange(0.0, REACH, STEP):
-                if best is not None and gap + shift >= best[0]:
-                    break
-                door = self._try(place, lane, at, float(shift), both)
-                if door is not None:
-                    best = (gap + shift, door)
-                    break
-        return None if best is None else best[1]
+        """The door that is nearest to the place, across the road and along it."""
+        shifts = np.arange(0.0, REACH, STEP).tolist()
+        spots = sorted((gap + s, n, lane, at, s) for n, (gap, lane, at) in enumerate(near) for s in shifts)
+        doors = (self._try(place, lane, at, shift, both) for _, _, lane, at, shift in spots)
+        return next((door for door in doors if door is not None), None)
 
     def _try(self, place: Place, lane: int, at: float, shift: float, both: bool) -> Door | None:
         # Lanes of one road lie beside its centre line all along, by the same distance.
@@ -107,7 +115,7 @@ class BayMaker:
                     continue
                 for side in sides:
                     door = self._shape(place, lane, centre - radius, radius, side)
-                    if door is not None and self._free(door) and (not both or self._opposite_free(door)):
+                    if door is not None and self._fits(door, both):
                         return door
         return None
 
@@ -123,48 +131,20 @@ class BayMaker:
         shape, length = _into(radius, max(radius, need, min(aside, OFF_ROADS)), side)
         return Door(lane, at, moved(shape, x, y, heading), length, max(radius + self.half[1], self.half[0]))
 
-    def _free(self, door: Door) -> bool:
-        """Whether no piece or bay touches its ground, no bay or other lane's safe part its spur."""
-        own = door.lane
-        narrow = self.junctions.stop[own] < self.junctions.clear[own]
-        return self._ground.is_free(door.path, own, int(self.track.network.reverse[own]) if narrow else -1)
-
-    def _opposite_free(self, own: Door) -> bool:
-        """Whether the opposite lane of its road leads to it too; True where there is none."""
-        reverse = int(self.track.network.reverse[own.lane])
-        doors = (opposite_spur(self.track, self.junctions, own, r, self.half[1]) for r in self.radii)
-        return reverse < 0 or any(d and self._ground.is_free(d.path, own.lane, reverse) for d in doors)
-
-
-class Ground:
-    """What trucks stand on and drive over, in cells."""
-
-    def __init__(self, track: Track, safe: Flags, half: tuple[float, float]) -> None:
-        from fleetlog.simulate.kernels.geometry import new_cells, put
-
-        self.half, cell = half, 2.0 * float(np.hypot(*half))
-        boxes = np.column_stack([track.x, track.y, track.heading])
-        self._extent = (track.x, track.y, cell)
-        self.every = new_cells(*self._extent, len(boxes))
-        self.safe = new_cells(*self._extent, int(safe.sum()))
-        put(self.every, boxes, track.owner)
-        put(self.safe, boxes[safe], track.owner[safe])
-        self.parked, self.swept = new_cells(*self._extent, 64), new_cells(*self._extent, 4096)
-
-    def is_free(self, path: Floats, lane: int, reverse: int) -> bool:
-        """See ``spur_is_free``."""
+    def _free(self, door: Door, lane: int, reverse: int) -> bool:
+        """Whether no piece or bay touches its ground, no bay or safe part of other lanes its spur."""
         from fleetlog.simulate.kernels.geometry import spur_is_free
 
-        cells = (self.every, self.safe, self.parked, self.swept)
-        return bool(spur_is_free(path, *cells, *self.half, lane, reverse))
+        return bool(spur_is_free(self._ground, door.path, *self.half, lane, reverse))
 
-    def take(self, path: Floats) -> None:
-        """A truck may stand at the end of ``path`` (n, 4) and drive over all of it."""
-        from fleetlog.simulate.kernels.geometry import grown, put
-
-        self.parked, self.swept = grown(self.parked, 1), grown(self.swept, len(path))
-        put(self.parked, path[-1:], np.zeros(1, np.int32))
-        put(self.swept, path, np.zeros(len(path), np.int32))
+    def _fits(self, door: Door, both: bool) -> bool:
+        """Whether there is room for a door, with ``both`` also for one from the opposite lane."""
+        j, reverse = self.junctions, int(self.track.network.reverse[door.lane])
+        narrow = j.stop[door.lane] < j.clear[door.lane]
+        if not self._free(door, door.lane, reverse if narrow else -1):
+            return False
+        doors = (opposite_spur(self.track, j, door, r, self.half[1]) for r in self.radii)
+        return not both or reverse < 0 or any(d and self._free(d, door.lane, reverse) for d in doors)
 
 
 @lru_cache(maxsize=4096)
@@ -179,3 +159,87 @@ def _offsets(t: Track, lane: int) -> tuple[Floats, Floats]:
     """Metres along a lane of its samples, and along its road."""
     rows = slice(t.first[lane], t.first[lane + 1])
     return np.arange(rows.stop - rows.start) * t.spacing[lane], t.offset[rows]
+
+
+def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], spots: int) -> list[str]:
+    """Make bays at places and for ``spots`` trucks; notes, or :class:`SiteError` (see ``_at_place``)."""
+    notes = _lasting_lanes(site, maker, mined)
+    notes += [note for place in site.places if (note := _at_place(maker, place, place.id in mined))]
+    notes += _drawn(site, maker, spots)
+    room = sum(b.place.kind != "charge" for b in maker.bays)
+    if vehicles > room - 1:
+        what = f"{vehicles} trucks are more than the site can hold: there is room to park {max(room - 1, 0)}"
+        raise SiteError(what, do="simulate fewer trucks or add roads and parking places")
+    return notes
+
+
+def _lasting_lanes(site: Site, maker: BayMaker, mined: frozenset[str]) -> list[str]:
+    """Restrict bays to the lanes that lead to one another and to most of the places."""
+    network, near = maker.track.network, []
+    for place in site.places:
+        lanes = maker.lanes_near(place.x, place.y)
+        if place.id not in mined and (not lanes or lanes[0][0] > OFF_ROADS):
+            do = f"move it to within {OFF_ROADS:.0f} m of a road, or draw the road that leads there"
+            raise SiteError(f"place {place.id!r} at ({place.x:.1f}, {place.y:.1f}) is off the roads", do=do)
+        near.append(np.array([lane for _, lane, _ in lanes], dtype=np.int64))
+    maker.lasting = main_part(network, near)
+    out = ~maker.lasting
+    told = f"{out.sum()} of {len(network)} lanes ({network.length[out].sum():.0f} m)"
+    return [f"{told} cannot be reached and left again: nobody stops there"] if out.any() else []
+
+
+def _at_place(maker: BayMaker, place: Place, mined: bool) -> str | None:
+    """Make the bays of a place; what to say where it gets none."""
+    if not mined and not maker.lanes_near(place.x, place.y):
+        return f"place {place.id!r} cannot be reached from the others and left again: it is left out"
+    wanted = max(place.plugs, 1)
+    made = sum(maker.place(place) is not None for _ in range(wanted))
+    if made >= (wanted if place.kind == "charge" and not mined else 1):
+        return None
+    if mined:
+        return f"no room for a truck beside the road at the mined place {place.id!r}: it is left out"
+    what = f"no room for a truck of {maker.truck.chassis.length:g} m beside the road at place {place.id!r}"
+    raise SiteError(what, do="move the place to a longer stretch of road, or away from its neighbours")
+
+
+def _drawn(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
+    """Draw the bays that the site lacks; what to say about them."""
+    notes, kinds = [], {b.place.kind for b in maker.bays}
+    if not site.places:
+        made = auto_places(maker, max(24, 3 * vehicles))
+        return [f"the site has no places: {made} parking, pick and drop spots were drawn along its roads"]
+    if not kinds & {"pick", "drop"}:
+        made = auto_places(maker, max(12, 2 * vehicles), ("pick", "drop"))
+        notes.append(f"the site has no pick or drop place: {made} were drawn along its roads")
+    free = sum(b.place.kind != "charge" for b in maker.bays)
+    if free < 2 * vehicles + 2:
+        made = auto_places(maker, 2 * vehicles + 2 - free, ("park",), "spot")
+        more = f"{made} further parking spots were drawn along the roads for {vehicles} trucks"
+        notes += [more] if made else []
+    return notes
+
+
+def auto_places(
+    maker: BayMaker, wanted: int, kinds: tuple[PlaceKind, ...] = ("park", "pick", "drop"), name: str = ""
+) -> int:
+    """Make at most so many bays, evenly over the roads, called after their kinds or a ``name``; how many."""
+    pitch, radius = maker.truck.chassis.width + 2.0 * GAP, maker.truck.chassis.turn_radius
+    spots: list[tuple[bool, float, int, float]] = []
+    for lane in np.flatnonzero(maker.lasting).tolist():
+        low, high = span(maker.track, maker.junctions, lane)
+        n = int(max(high - low, 0.0) / pitch)
+        for i in range(n):
+            at = low + (i + 0.5) / n * (high - low)
+            # First those that both lanes of a road lead to; of these the middle of a lane, then its quarters
+            # ..., by the binary digits mirrored (van der Corput): a few bays lie spread over all roads.
+            spread = int(f"{i:b}"[::-1], 2) / 2 ** i.bit_length()
+            spots.append((not maker.from_both(lane, at, radius), spread, lane, at))
+    made = 0
+    for *_, lane, at in sorted(spots):
+        if made >= wanted:
+            break
+        kind = kinds[made % len(kinds)]
+        spot = maker.track.first[lane] + int(at / maker.track.spacing[lane])
+        x, y = float(maker.track.x[spot]), float(maker.track.y[spot])
+        made += maker.along(lane, at, Place(f"{name or kind}-{made + 1}", kind, x, y)) is not None
+    return made

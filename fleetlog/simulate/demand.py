@@ -29,22 +29,17 @@ def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
     on the road, so the way into a bay and out of it counts as time at the place.
     """
     tasks: list[Task] = []
-    held: tuple[int, int] | None = None
-    for i in range(len(stands)):
-        change = stands.after[i] - stands.before[i]
-        if change > MIN_LOAD_CHANGE:
-            held = (i, int(stands.vehicle[i]))
-        elif change < -MIN_LOAD_CHANGE and held is not None:
-            k, vehicle = held
-            held = None
-            a, b = int(cluster[k]), int(cluster[i])
-            if vehicle != stands.vehicle[i] or a < 0 or b < 0 or names[a] == names[b]:
-                continue
+    change, held = stands.after - stands.before, -1
+    for i in np.flatnonzero(np.abs(change) > MIN_LOAD_CHANGE).tolist():
+        k, held, vehicle = held, i if change[i] > 0.0 else -1, stands.vehicle[i]
+        if held >= 0 or k < 0 or stands.vehicle[k] != vehicle:
+            continue
+        a, b = int(cluster[k]), int(cluster[i])
+        if a >= 0 and b >= 0 and names[a] != names[b]:
             known = k > 0 and stands.vehicle[k - 1] == vehicle
             day = float((stands.end[k - 1] if known else stands.start[k]) % 86_400_000_000) * 1e-6
-            load = float(stands.after[k] - stands.before[k])
             dwell, height = ((float(v[k]), float(v[i])) for v in (stands.dwell, stands.height))
-            tasks.append(Task(None, names[a], names[b], load, day, dwell, height, True))
+            tasks.append(Task(None, names[a], names[b], float(change[k]), day, dwell, height, True))
     return tasks
 
 
@@ -87,11 +82,9 @@ def recorded_hours(dataset: Dataset) -> Floats:
     """(24,) how many hours of recording fall on each hour of the day."""
     start, end = (np.datetime64(str(dataset.meta[k]).removesuffix("Z"), "us") for k in ("start", "end"))
     at, last = (float(t.astype(np.int64)) * 1e-6 for t in (start, end))
-    out = np.zeros(24)
-    hour = np.arange(at // 3600.0, -(-last // 3600.0))
-    hours = (np.minimum((hour + 1.0) * 3600.0, last) - np.maximum(hour * 3600.0, at)) / 3600.0
-    np.add.at(out, hour.astype(int) % 24, hours)
-    return out
+    hour = np.arange(at // 3600.0, -(-last // 3600.0) + 1.0)
+    hours = np.diff(np.clip(3600.0 * hour, at, last)) / 3600.0
+    return np.asarray(np.bincount(hour[:-1].astype(int) % 24, hours, 24), dtype=np.float64)
 
 
 def like(
@@ -170,7 +163,7 @@ class Itineraries:
         self.visits, self.start = visits, start
         self.of = np.full(trucks, -1, np.int64)
         self._rng = np.random.Generator(np.random.PCG64([seed, 7]))
-        self._drawn = np.zeros(len(visits), np.int64)
+        self._begin, self._drawn = np.array([v.begin for v in visits]), np.zeros(len(visits), np.int64)
         self._after = defaultdict[tuple[str, bool], list[int]](list)
         self._any = {
             laden: [k for k, v in enumerate(visits) if (v.taken < 0.0) == laden] for laden in (False, True)
@@ -198,17 +191,12 @@ class Itineraries:
         return found or self._any[here is not None and here.loads]
 
     def _draw(self, v: int, now: float, options: list[int], is_open: Callable[[str], bool]) -> Visit | None:
-        possible = [k for k in options if is_open(self.visits[k].place)]
-        if not possible:
+        possible = np.array([k for k in options if is_open(self.visits[k].place)], dtype=np.int64)
+        if not len(possible):
             return None
-        time, chance = (self.start + now) % DAY, self._rng.random(len(possible))
-
-        def rank(i: int) -> tuple[bool, int, float]:
-            k = possible[i]
-            gap = abs(self.visits[k].begin - time)
-            return min(gap, DAY - gap) > NEARBY, int(self._drawn[k]), float(chance[i])
-
-        drawn = possible[min(range(len(possible)), key=rank)]
+        gap = np.abs(self._begin[possible] - (self.start + now) % DAY)
+        far, chance = np.minimum(gap, DAY - gap) > NEARBY, self._rng.random(len(possible))
+        drawn = int(possible[np.lexsort((chance, self._drawn[possible], far))[0]])
         self.of[v] = drawn
         self._drawn[drawn] += 1
         return self.visits[drawn]

@@ -1,5 +1,6 @@
 """Who does what next: tasks, and places that are free for them."""
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.demand import Itineraries
 from fleetlog.simulate.occupancy import Occupancy, Policy
 from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed
-from fleetlog.simulate.tasks import ENGAGE, Demand, Task, TaskBook, TaskStream, Visit
+from fleetlog.simulate.tasks import ENGAGE, Demand, Task, TaskBook, Visit, endless_tasks
 from fleetlog.simulate.world import World
 
 YIELD = 5.0  # A truck that waits this long for a place asks whoever stands idle there to leave [s]
@@ -35,13 +36,12 @@ class Dispatcher(Occupancy):
     ) -> None:  # fmt: skip
         super().__init__(world, fleet, policy)
         self.names, self.demand, self.trucks, self.book = names, demand, world.trucks, TaskBook(names)
-        self.pending: list[Task] = list(demand.given)
-        self.given, self.start, self.resting = 0, start, False
+        self.pending, self.start, self.resting = deque(demand.given), start, False
         self._due: list[Task] = []
         self._blocked: list[Task] = []
         self._wanted: list[tuple[int, list[int]]] = []
         self._wanted_now: list[tuple[int, list[int]]] = []
-        self.stream = TaskStream(seed, world.truck, len(self.places), demand.pause)
+        self.stream = endless_tasks(seed, world.truck, len(self.places), demand.pause)
         times = spur_times(world)
         ways_in = enumerate(world.ways.of_bay)
         spurs = [0.0 if world.doors[b].passed else times[b] + times[d].max() for b, d in ways_in]
@@ -72,10 +72,9 @@ class Dispatcher(Occupancy):
                 self.owner[self.home[v]] = -1
             elif f.mode[v] == Mode.PARKED:
                 self._parked(v, now)
-        while self.given < len(self.pending) and self.pending[self.given].earliest <= now:
-            self._due.append(self.pending[self.given])
-            self._give(self.pending[self.given])
-            self.given += 1
+        while self.pending and self.pending[0].earliest <= now:
+            self._due.append(self.pending.popleft())
+            self.book.give(self._due[-1])
         self._charging(now, bool(self._due))
         self._wanted, self._wanted_now, self._blocked = self._wanted_now, [], []
         # Who has waited longest chooses first, so that nobody waits for ever for a place.
@@ -84,10 +83,6 @@ class Dispatcher(Occupancy):
             self._next(u, now)
         if round(now) % 5 == 0:
             self._untangle(now)
-
-    def _give(self, task: Task) -> None:
-        self.count.tasks_given += 1
-        self.book.give(task)
 
     # -- stages of a job
 
@@ -103,10 +98,9 @@ class Dispatcher(Occupancy):
             job.stage = "loaded"
             self.book.picked(v, now)
         elif job.stage == "dropping":
-            self.count.tasks_done += 1
             self.book.dropped(v, now)
-            job.since = now + (job.drawn.pause if job.drawn is not None else 0.0)
-            job.task, job.drawn, job.stage = None, None, "idle"
+            job.since = now + (job.task.pause if job.task is not None else 0.0)
+            job.task, job.stage = None, "idle"
         elif job.stage == "charge":
             f.mode[v] = Mode.CHARGING
             self.count.charges += 1
@@ -168,7 +162,7 @@ class Dispatcher(Occupancy):
             load = min(visit.taken, self.trucks[v].chassis.rated_load)
             job.task = Task(None, visit.place, "", load, now, (visit.dwell, 0.0), (visit.height, 0.0), True)
             job.stage = "assigned"
-            self._give(job.task)
+            self.book.give(job.task)
             self.book.assign(v, job.task, now)
         else:
             job.stay = visit.dwell
@@ -183,8 +177,7 @@ class Dispatcher(Occupancy):
                 return
             dwell, height = (job.task.dwell[0], visit.dwell), (job.task.height[0], visit.height)
             job.task = replace(job.task, target=visit.place, dwell=dwell, height=height)
-        ranks = np.zeros(len(self.places)) if job.drawn is None else job.drawn.ranks
-        target = job.task.target or self._free_place("drop", ranks)
+        target = job.task.target or self._free_place("drop", job.task.ranks)
         if target is None:
             self._wait_for(v, self.working["drop"].tolist(), now)
             return
@@ -207,18 +200,15 @@ class Dispatcher(Occupancy):
         """Stand until a bay is free: the idle are asked to leave; who is in the way of others goes aside."""
         job, here = self.jobs[v], int(self.home[v])
         self._wanted_now.append((v, bays))
-        self._lack(v, DROP_PLACE if self.fleet.load[v] > 0.0 else PICK_PLACE, bays)
+        self.lacks[v], self.wants[v] = DROP_PLACE if self.fleet.load[v] > 0.0 else PICK_PLACE, bays
         if now - job.since > YIELD:
             self._send_away(v, bays)
-        if now - job.since > ASIDE and any(here in w for u, w in self._wanted if u != v):
-            spare = self._spare_bay(v)
-            if spare is not None:
-                if self.fleet.load[v] <= 0.0 and job.task is not None and job.task.target:
-                    # Not begun: somebody else may do it from where it is nearer.
-                    self._due.insert(0, job.task)
-                    self.book.give_back(v, job.task)
-                    job.task, job.drawn = None, None
-                self._make_room(v, spare)
+        in_the_way = now - job.since > ASIDE and any(here in w for u, w in self._wanted if u != v)
+        if in_the_way and self._make_room(v) and self.fleet.load[v] <= 0.0 and job.task and job.task.target:
+            # Not begun: somebody else may do it from where it is nearer.
+            self._due.insert(0, job.task)
+            self.book.give_back(v, job.task)
+            job.task = None
 
     def _rest(self, v: int, now: float) -> None:
         """Nothing to do: charge if that is worth while, else clear a working place that is not one's own."""
@@ -240,15 +230,14 @@ class Dispatcher(Occupancy):
         elif not self.demand.endless:
             return False
         elif self.kind[self.home[v]] != "pick" and (self.owner[picks] >= 0).all():
-            self._lack(v, PICK_PLACE, picks.tolist())
+            self.lacks[v], self.wants[v] = PICK_PLACE, picks.tolist()
             return False
         else:
-            job.drawn = self.stream.draw(now)
-            here = self.places[self.place_of[self.home[v]]]
-            load = min(job.drawn.task.payload, self.trucks[v].chassis.rated_load)
-            source = self._free_place("pick", job.drawn.ranks) or here
-            task = replace(job.drawn.task, source=source, payload=load)
-            self._give(task)
+            task, here = next(self.stream), self.places[self.place_of[self.home[v]]]
+            load = min(task.payload, self.trucks[v].chassis.rated_load)
+            source = self._free_place("pick", task.ranks) or here
+            task = replace(task, source=source, payload=load, earliest=now)
+            self.book.give(task)
         job.task, job.stage = task, "assigned"
         self.book.assign(v, task, now)
         return True
@@ -277,7 +266,7 @@ class Dispatcher(Occupancy):
         if best is None and blocked is not None:
             # One truck waits for each task whose source is taken; the others have nothing to do.
             self._blocked.append(blocked)
-            self._lack(v, PICK_PLACE, self.bays_of[blocked.source])
+            self.lacks[v], self.wants[v] = PICK_PLACE, self.bays_of[blocked.source]
         return None if best is None else best[1]
 
     def _can(self, v: int, task: Task) -> bool:
@@ -289,8 +278,6 @@ class Dispatcher(Occupancy):
         if task.vehicle is not None:
             return True
         start, parked = self.bays_of[task.source][:1], np.flatnonzero(self.fleet.mode == Mode.PARKED).tolist()
-        rivals = (
-            u for u in parked if self._idles(u) and self._can(u, task) and self.soc[u] > self.policy.low
-        )
+        rivals = (u for u in parked if self._idles(u) and self.soc[u] > self.policy.low)
         mine = (self._gaps(start, v)[0], v)
-        return not any((self._gaps(start, u)[0], u) < mine for u in rivals)
+        return not any((self._gaps(start, u)[0], u) < mine for u in rivals if self._can(u, task))

@@ -136,9 +136,8 @@ def door_beside(
         k = int(track.first[lane] + round(float(np.clip(at, low, high)) / track.spacing[lane]))
         if high < low or abs(np.angle(np.exp(1j * (track.heading[k] - stand.heading)))) > ALONG:
             continue
-        x, y, heading = float(track.x[k]), float(track.y[k]), float(track.heading[k])
-        ahead = LENGTH * np.array([[0.0, 0.0], [np.cos(heading), np.sin(heading)]])
-        path = np.column_stack([ahead + np.array([x, y]), [heading, heading], [0.0, 0.0]])
+        ahead = np.outer([0.0, LENGTH], [1.0, 0.0, 0.0, 0.0])
+        path = moved(ahead, track.x[k], track.y[k], track.heading[k])
         on_lane = (k - track.first[lane]) * float(track.spacing[lane])
         return Door(lane, on_lane, path, LENGTH, 0.5 * truck.chassis.length, passed=True)
     return None
@@ -181,11 +180,9 @@ def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck)
     opposite = [d for door in passed if (d := turning_door(track, junctions, truck, door)) is not None]
     todo = [b for b, bay in enumerate(bays) if not bay.door.passed]
     for share in SHARES:
-        tried = [
-            opposite_spur(track, junctions, bays[b].door, share * truck.chassis.turn_radius, half[1])
-            for b in todo
-        ]
-        found = [replace(d, bay=b) for b, d in zip(todo, tried, strict=True) if d is not None]
+        radius = share * truck.chassis.turn_radius
+        tried = ((b, opposite_spur(track, junctions, bays[b].door, radius, half[1])) for b in todo)
+        found = [replace(d, bay=b) for b, d in tried if d is not None]
         good = _checked(track, junctions, bays, found, half)
         opposite += good
         done = {d.bay for d in good}
@@ -205,9 +202,8 @@ def _checked(
     bay = np.array([d.bay for d in doors])
     near = np.array([bays[b].door.lane for b in bay])
     ends, shape = np.array([b.door.path[-1] for b in bays]), np.concatenate([d.path for d in doors])
-    x, y, heading = (
-        np.concatenate([t, ends[:, k], shape[:, k]]) for k, t in enumerate((track.x, track.y, track.heading))
-    )
+    parts = zip((track.x, track.y, track.heading), ends.T, shape.T, strict=False)
+    x, y, heading = (np.concatenate(part) for part in parts)
     number = np.repeat(np.arange(len(doors)), [len(d.path) for d in doors])
     floor = track.z[track.first[[b.door.lane for b in bays]]]
     z = np.concatenate([track.z, floor, floor[bay[number]]])

@@ -1,6 +1,5 @@
 """How the drivers of a recording drive: what each asks of speed limit, acceleration, brakes and turns."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -36,15 +35,20 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
     out = list(found)
     by_speed = np.argsort([t.drive.speed_factor for t in found], kind="stable")
     for group in np.array_split(by_speed, min(len(found), MOST)):
+        drives = [found[k].drive for k in group]
+        mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
         for k in group:
-            out[k] = middle([found[i] for i in group])
+            out[k] = replace(truck, drive=replace(truck.drive, **mean))
     return tuple(out)
 
 
 def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:
     """The truck with the typical speed, acceleration and braking of a recorded motion."""
     speed, change = motion.speed, motion.acceleration
-    limit = np.minimum(limits_along(motion, site), truck.drive.max_speed)
+    # The last one holds off the roads, where the edge is -1.
+    signs = np.append(np.nan_to_num(site.roads().speed_limit, nan=np.inf), np.inf)
+    limit = np.minimum(signs[motion.edge], site.zone_limit(motion.x, motion.y))
+    limit = np.minimum(limit, truck.drive.max_speed)
     drives = (speed > 0.5) & (motion.dt > 0.0)
     straight = drives & (np.abs(motion.curvature) < STRAIGHT)
     steady, slow = straight & (np.abs(change) < STEADY), straight & (speed < 0.8 * limit)
@@ -63,7 +67,7 @@ def _in_turns(motion: Motion, track: Track) -> float | None:
     changes = np.flatnonzero((np.diff(motion.edge) != 0) & (motion.edge[1:] >= 0) & (motion.edge[:-1] >= 0))
     found = []
     for k in changes.tolist():
-        piece = track.turn(int(motion.edge[k]), int(motion.edge[k + 1]))
+        piece = track.by_turn.get((int(motion.edge[k]), int(motion.edge[k + 1])), -1)
         near = slice(*np.searchsorted(motion.time, motion.time[k] + np.array([-NEAR, NEAR])))
         if piece >= 0:
             path = track.curvature[track.first[piece] : track.first[piece + 1]]
@@ -74,19 +78,6 @@ def _in_turns(motion: Motion, track: Track) -> float | None:
     return round(float(np.quantile(found, 0.85)), 3) if len(found) >= FEW else None
 
 
-def limits_along(motion: Motion, site: Site) -> Floats:
-    """(N,) limit of road and zones [m/s], inf where there is none."""
-    limit = np.full(len(motion.speed), np.inf)
-    if site.network is not None:
-        on = motion.edge >= 0
-        road = site.network.speed_limit[motion.edge[on]]
-        limit[on] = np.where(np.isfinite(road), road, np.inf)
-    for zone in site.zones:
-        if np.isfinite(zone.speed_limit):
-            limit = np.where(zone.contains(motion.x, motion.y), np.minimum(limit, zone.speed_limit), limit)
-    return limit
-
-
 def _typical(values: Floats, chosen: Flags, weight: Floats) -> float | None:
     """What was chosen is below this for ``SHARE`` of its time; None where it is too little."""
     order = np.argsort(values[chosen])
@@ -94,10 +85,3 @@ def _typical(values: Floats, chosen: Flags, weight: Floats) -> float | None:
     if not len(time) or time[-1] < LEAST:
         return None
     return round(float(values[chosen][order][np.searchsorted(time, SHARE * time[-1])]), 3)
-
-
-def middle(trucks: Sequence[Truck]) -> Truck:
-    """The truck with the mean of what several drivers ask."""
-    drives = [t.drive for t in trucks]
-    mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
-    return replace(trucks[0], drive=replace(drives[0], **mean))

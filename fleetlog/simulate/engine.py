@@ -10,15 +10,14 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, SiteError
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
-from fleetlog.simulate.arrays import Index
 from fleetlog.simulate.demand import at_places
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.events import EventLog
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.limits import Summary, Tally
 from fleetlog.simulate.occupancy import Policy
-from fleetlog.simulate.record import Meter, Recorder, columns_of, locate
-from fleetlog.simulate.state import STANDS, Mode, Trucks, limits_of, log_of, new_fleet, new_log
+from fleetlog.simulate.record import Meter, Recorder, locate
+from fleetlog.simulate.state import STANDS, Log, Mode, Trucks, limits_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, check_vehicles
 from fleetlog.simulate.world import Crossings, World, build_world
 from fleetlog.store.writer import DatasetWriter
@@ -89,19 +88,16 @@ def simulate(
 
 def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
     """The demand without the given tasks from or to places that have no bay; and what to say about it."""
-    known = set(world.by_place)
+    known = {bay.place.id for bay in world.bays}
     demand = replace(demand, visits=at_places(demand.visits, known))
     doable = [t for t in demand.given if {t.source, t.target} <= known]
     left_out = [t for t in demand.given if not {t.source, t.target} <= known]
     if not left_out:
         return demand, []
     if not doable and not demand.endless:
-        first = left_out[0]
-        raise SiteError(
-            f"place {first.target!r} cannot be reached from {first.source!r} and back,"
-            " nor any place of another task",
-            do="check one-way roads and turns of the map",
-        )
+        source, target = left_out[0].source, left_out[0].target
+        what = f"place {target!r} cannot be reached from {source!r} and back, nor any place of another task"
+        raise SiteError(what, do="check one-way roads and turns of the map")
     note = f"{len(left_out)} tasks from or to places that were left out are dropped"
     return replace(demand, given=doable, left_out=left_out), [note]
 
@@ -113,18 +109,14 @@ def vehicle_names(n: int) -> list[str]:
 
 
 def _check(settings: Settings) -> None:
-    if settings.vehicles < 1:
-        raise DataError(
-            f"{settings.vehicles} vehicles cannot be simulated", do="ask for one at least with --vehicles"
-        )
+    n, ratio = settings.vehicles, settings.interval / settings.step
+    if n < 1:
+        raise DataError(f"{n} vehicles cannot be simulated", do="ask for one at least with --vehicles")
     if not 0.01 <= settings.step <= 0.25:
         raise DataError(f"a step of {settings.step:g} s is too coarse or too fine", do="take 0.01 to 0.25 s")
-    ratio = settings.interval / settings.step
     if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
-        raise DataError(
-            f"rows every {settings.interval:g} s are not a whole number of steps of {settings.step:g} s",
-            do="choose --rate so that 1 / rate is a multiple of --step",
-        )
+        what = f"rows every {settings.interval:g} s are not a whole number of steps of {settings.step:g} s"
+        raise DataError(what, do="choose --rate so that 1 / rate is a multiple of --step")
     if settings.duration < settings.interval:
         raise DataError("the duration is shorter than the time between two rows", do="simulate longer")
 
@@ -150,22 +142,12 @@ class Run:
         self.crossings = Crossings(world.site, world.walks, settings.seed)
         self.tally = Tally(self.dispatcher)
         self.events = EventLog(self.dispatcher, writer, settings.start)
-        charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
-        soc = np.full(n, settings.soc)
-        weather, battery = settings.temperature, settings.battery
-        self.meter = Meter(
-            world.physics, trucks.of, world.ground, charger, dt, soc, weather, battery, world.site.power_limit
-        )
-        columns = columns_of(bool(np.any(world.ground.z)), battery is not None)
-        edges = world.track.network.edge_ids
-        self.recorder = Recorder(
-            writer, names, edges, settings.start, dt, every, self.steps, self.total, columns
-        )
+        self.meter = Meter(world, settings)
+        self.recorder = Recorder(writer, names, world, settings, self.steps, self.total)
         self.limits = limits_of([p.actual_truck() for p in world.physics], trucks.of, length, GAP)
         self.groups = list(trucks.alike(TOGETHER))
-        self.used = self.charged = self.waiting = 0.0
-        self.soc_lowest, self.soc_sum = settings.soc, 0.0
+        self.soc_lowest, self.soc_sum, self.waiting = settings.soc, 0.0, 0.0
 
     def all(self, progress: Progress | None = None) -> Summary:
         """To the end."""
@@ -195,23 +177,15 @@ class Run:
             advance(self.world.roads, self.fleet, self.limits, self.log, k, self.second, step0 + k, dt)
         self.meter.share_site_power(self.fleet.mode, bay)
         for which in self.groups:
-            self._account(which, bay, step0)
+            log = Log._make(values[which] for values in self.log)
+            place = locate(self.world.ground, log)
+            energy = self.meter.batch(log, place, bay[which], step0, which)
+            self.waiting += float(((log.v < STANDS) & IN_TRAFFIC[log.mode]).sum()) * dt
+            self.recorder.add(which, log, place | energy)
         self.soc_lowest = min(self.soc_lowest, float(self.meter.soc.min()))
         self.soc_sum += float(self.meter.soc.mean()) * self.steps
         self.recorder.next()
         self._stop_empty()
-
-    def _account(self, which: slice, bay: Index, step0: int) -> None:
-        """Place, power and rows of some trucks over a batch."""
-        log, dt = log_of(self.log, which), self.settings.step
-        place = locate(self.world.ground, log)
-        energy = self.meter.batch(log, place, bay[which], step0, which)
-        self.used += float(np.maximum(energy.power, 0.0).sum()) * dt / 3600.0
-        charging = np.where(log.mode == Mode.CHARGING, energy.power, 0.0)
-        self.charged -= float(np.minimum(charging, 0.0).sum()) * dt / 3600.0
-        slow = (log.v < STANDS) & IN_TRAFFIC[log.mode]
-        self.waiting += float(slow.sum()) * dt
-        self.recorder.add(which, log, place, energy)
 
     def _stop_empty(self) -> None:
         f = self.fleet
@@ -224,12 +198,14 @@ class Run:
     def _summary(self, total: int) -> Summary:
         d = self.dispatcher
         notes = list(self.world.notes)
+        dropped = d.book.numbers("dropped")
+        d.count.tasks_given, d.count.tasks_done = len(dropped), int((dropped >= 0.0).sum())
         if not (d.kind == "charge").any():
             notes.append("the site has no charger: nobody charges")
         rows = total // self.recorder.every * len(self.names)
         return Summary(
             len(self.names), total * self.settings.step, rows, total * len(self.names),
-            d.count, float(self.fleet.moved.sum()), self.used, self.charged, self.meter.soc.tolist(),
-            self.soc_lowest, self.soc_sum / total,
+            d.count, float(self.fleet.moved.sum()), self.meter.used, self.meter.charged,
+            self.meter.soc.tolist(), self.soc_lowest, self.soc_sum / total,
             self.tally.limits(self.waiting), d.watch.longest, notes,
         )  # fmt: skip

@@ -55,7 +55,7 @@ class EventLog:
         self._end_stretches(self.since < ms, ms)
         self._end_reservations(self.held[1] < ms, ms)
         self._write()
-        for status, tasks in ((LATER, d.pending[d.given :]), (LEFT_OUT, d.demand.left_out)):
+        for status, tasks in ((LATER, d.pending), (LEFT_OUT, d.demand.left_out)):
             for task in tasks:
                 book.give(task, status)
         self.tables.add("tasks", book.columns(self.start))
@@ -76,18 +76,16 @@ class EventLog:
             "charge": f.mode == Mode.CHARGING, "battery_empty": f.mode == Mode.EMPTY, "wait": stands,
             "drive_laden": f.load > 0.0,
         }  # fmt: skip
-        does = np.select(
-            list(first_of.values()), [NAMES.index(n) for n in first_of], NAMES.index("drive_empty")
-        )
+        codes = [NAMES.index(name) for name in first_of]
+        does = np.select(list(first_of.values()), codes, NAMES.index("drive_empty"))
         drives = does <= NAMES.index("drive_laden")
         place = self.place_of_door[np.where(drives & (f.goal >= 0), f.goal, f.door)]
         return np.array([does, place, d.book.of])
 
     def _end_stretches(self, of: Flags, ms: int) -> None:
         truck = np.flatnonzero(of)
-        self._stretches.append(
-            np.array([truck, *self.doing[:, truck], self.since[truck], np.full_like(truck, ms)])
-        )
+        doing = (truck, *self.doing[:, truck], self.since[truck], np.full_like(truck, ms))
+        self._stretches.append(np.array(doing))
 
     def _end_reservations(self, of: Flags, ms: int) -> None:
         ended = self.held[:, of]

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fleetlog import engines
 from fleetlog.core.result import Result, Spread, half_width
+from fleetlog.core.site import Site
 from fleetlog.errors import DataError, nearest
 from fleetlog.simulate.limits import Summary
 from fleetlog.simulate.occupancy import Policy
-from fleetlog.simulate.scenario import Scenario, run_all, with_plugs
+from fleetlog.simulate.scenario import Scenario, attempt, with_plugs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,56 +64,40 @@ def _values(part: str) -> Iterator[str]:
 
 def _whole(value: str, name: str) -> int:
     if not re.fullmatch("[0-9]{1,5}", value) or int(value) < 1:
-        raise DataError(
-            f"{name}={value[:40]} is no number from 1 to 99,999", do=f"write {name}=2..6 or {name}=1,2,4"
-        )
+        what = f"{name}={value[:40]} is no number from 1 to 99,999"
+        raise DataError(what, do=f"write {name}=2..6 or {name}=1,2,4")
     return int(value)
 
 
-def _vehicles(scenario: Scenario, value: str) -> Scenario:
-    return replace(scenario, settings=replace(scenario.settings, vehicles=_whole(value, "vehicles")))
-
-
-def _plugs(scenario: Scenario, value: str) -> Scenario:
+def _plugs(site: Site, plugs: int) -> Site:
     """So many plugs in all, spread evenly over the chargers in the site's order."""
-    chargers = [p.id for p in scenario.site.places if p.kind == "charge"]
+    chargers = [p.id for p in site.places if p.kind == "charge"]
     if not chargers:
         raise DataError("plugs cannot be varied: the site has no charger", do="add a place of kind charge")
-    plugs, site = _whole(value, "plugs"), scenario.site
     for k, place in enumerate(chargers):
-        share = plugs // len(chargers) + (k < plugs % len(chargers))
-        site = with_plugs(site, place, share)
+        site = with_plugs(site, place, plugs // len(chargers) + (k < plugs % len(chargers)))
     # A charger without a plug is none.
-    kept = tuple(p for p in site.places if p.plugs or p.id not in chargers)
-    return replace(scenario, site=replace(site, places=kept))
-
-
-def _close(scenario: Scenario, value: str) -> Scenario:
-    if value == NONE:
-        return scenario
-    roads = scenario.site.roads().without(value.split("+"))
-    return replace(scenario, site=replace(scenario.site, network=roads))
-
-
-def _policy(scenario: Scenario, value: str) -> Scenario:
-    policy = Policy.named(value, scenario.settings.policy.low)
-    return replace(scenario, settings=replace(scenario.settings, policy=policy))
-
-
-FACTORS: dict[str, Callable[[Scenario, str], Scenario]] = {
-    "vehicles": _vehicles, "plugs": _plugs, "close": _close, "policy": _policy,
-}  # fmt: skip
+    return replace(site, places=tuple(p for p in site.places if p.plugs or p.id not in chargers))
 
 
 def varied(scenario: Scenario, name: str, value: str) -> Scenario:
     """The scenario with one setting changed; a place's id as the name changes its room for trucks."""
-    if name in FACTORS:
-        return FACTORS[name](scenario, value)
-    places = [p.id for p in scenario.site.places]
-    if name not in places:
-        known = [*FACTORS, *places]
+    site, settings, places = scenario.site, scenario.settings, [p.id for p in scenario.site.places]
+    if name == "vehicles":
+        settings = replace(settings, vehicles=_whole(value, name))
+    elif name == "policy":
+        settings = replace(settings, policy=Policy.named(value, settings.policy.low))
+    elif name == "plugs":
+        site = _plugs(site, _whole(value, name))
+    elif name == "close":
+        closed = () if value == NONE else value.split("+")
+        site = replace(site, network=site.roads().without(closed)) if closed else site
+    elif name in places:
+        site = with_plugs(site, name, _whole(value, name))
+    else:
+        known = ["vehicles", "plugs", "close", "policy", *places]
         raise DataError(f"{name!r} cannot be varied: it is no setting and no place", do=nearest(name, known))
-    return replace(scenario, site=with_plugs(scenario.site, name, _whole(value, name)))
+    return replace(scenario, site=site, settings=settings)
 
 
 def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, str], Scenario]]:
@@ -130,10 +116,9 @@ def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, 
 
 
 def experiment(
-    bases: Sequence[Scenario],
-    factors: Sequence[Factor],
+    bases: Sequence[Scenario], factors: Sequence[Factor],
     progress: Callable[[float, float], None] = lambda done, total: None,
-) -> Result:
+) -> Result:  # fmt: skip
     """Run every variant of every base, which differ in their seeds alone.
 
     Tables ``runs`` (a row a variant and seed) and ``variants`` (means over the seeds, half widths of their
@@ -143,7 +128,8 @@ def experiment(
 
     plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
     rows = []
-    results = run_all([scenario for *_, scenario in plan])
+    scenarios = [scenario for *_, scenario in plan]
+    results = engines.current().run(attempt, scenarios, lambda s: f"seed {s.settings.seed}")
     for (number, seed, values, _), outcome in zip(plan, results, strict=True):
         rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
         progress(float(len(rows)), float(len(plan)))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.track import Track
+from fleetlog.store.trips import runs
 
 MARGIN = 0.15  # Kept free round every truck [m]
 GAP = 1.0  # Between standing trucks, bumper to bumper [m]
@@ -32,16 +33,14 @@ class Junctions:
         < clear where there is no such part (single-lane aisles, stubs).
     capacity : (E,) trucks that can stand on the safe part.
     resource : (S,) of every sample of the track, -1 on safe parts.
-    conflict_first, conflicts : CSR over resources: those that exclude it, itself where it takes one truck at
-        a time.
+    conflicts : (N, 2) resources that exclude each other, or themselves: they take one truck at a time.
     """
 
     clear: Floats
     stop: Floats
     capacity: Index
     resource: Index
-    conflict_first: Ints
-    conflicts: Index
+    conflicts: Ints
 
 
 def half_box(truck: Truck) -> tuple[float, float]:
@@ -64,21 +63,24 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     clear, stop = np.zeros(lanes), np.full(lanes, -1.0)
     resource = owner.copy()
     for lane in range(lanes):
-        _safe_part(track, lane, touched, clear, stop, resource)
+        low, high, step = track.first[lane], track.first[lane + 1], track.spacing[lane]
+        begin, end = max(runs(~touched[low:high]), key=lambda run: run[1] - run[0], default=(0, 0))
+        last = min((end - 1) * step, track.length[lane] - STOP)
+        if last >= START:
+            clear[lane], stop[lane] = begin * step, max(last, begin * step)
+            resource[low:high] = len(track) + lane
+            resource[low : low + begin] += lanes
+            resource[low + begin : low + end] = -1
     room = truck.chassis.length + GAP
     capacity = np.where(stop >= clear, 1 + np.floor((stop - clear) / room), 0).astype(np.int32)
     piece_bend = np.maximum.reduceat(np.abs(track.curvature), track.first[:-1])
     bent = (piece_bend > BEND) & (track.source >= 0)
-    count = len(track) + 2 * lanes
     ra, rb = resource[pairs[:, 0]], resource[pairs[:, 1]]
     keep = (ra >= 0) & (rb >= 0) & (ra != rb)
-    ra, rb = unique_pairs(ra[keep], rb[keep]).T
-    keep = ~_in_line(track, ra, rb)
-    alone = np.flatnonzero(bent)
-    first, conflicts = conflict_lists(
-        np.concatenate([ra[keep], alone]), np.concatenate([rb[keep], alone]), count
-    )
-    return Junctions(clear, stop, capacity, resource, first, conflicts)
+    apart = unique_pairs(ra[keep], rb[keep])
+    apart = apart[~_in_line(track, *apart.T)]
+    conflicts = np.append(apart, np.tile(np.flatnonzero(bent)[:, None], 2), axis=0)
+    return Junctions(clear, stop, capacity, resource, conflicts)
 
 
 def _turns(track: Track) -> Ints:
@@ -94,9 +96,10 @@ def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> Ints:
     return np.column_stack([key // size, key % size])
 
 
-def conflict_lists(a: NDArray[np.integer], b: NDArray[np.integer], count: int) -> tuple[Ints, Index]:
-    """Symmetric CSR of pairs, each once."""
-    key = np.unique(np.concatenate([a.astype(np.int64) * count + b, b.astype(np.int64) * count + a]))
+def conflict_lists(pairs: Ints, count: int) -> tuple[Ints, Index]:
+    """Symmetric CSR of (N, 2) pairs, each once."""
+    a, b = pairs.T
+    key = np.unique(np.append(a * count + b, b * count + a))
     first = np.searchsorted(key, np.arange(count + 1, dtype=np.int64) * count)
     return first.astype(np.int64), (key % count).astype(np.int32)
 
@@ -111,45 +114,27 @@ def _follow_each_other(track: Track, a: Index, b: Index) -> Flags:
     return pair
 
 
-def _safe_part(track: Track, lane: int, touched: Flags, clear: Floats, stop: Floats, resource: Index) -> None:
-    """Find the longest untouched run of a lane's samples and number what lies before and after it."""
-    low, high = int(track.first[lane]), int(track.first[lane + 1])
-    free = ~touched[low:high]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
-    if not len(edges):
-        return
-    runs = edges.reshape(-1, 2)
-    begin, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
-    step = track.spacing[lane]
-    last = min((end - 1) * step, track.length[lane] - STOP)
-    if last < START:
-        return
-    clear[lane] = begin * step
-    stop[lane] = max(last, clear[lane])
+def lanes_at(track: Track, count: int) -> Ints:
+    """(4, count) lanes of resources, -1: none.
+
+    The one that a resource lies at the end of, the one that it lies at the start of, and those that it joins.
+    """
     pieces, lanes = len(track), len(track.network)
-    resource[low : low + begin] = pieces + lanes + lane
-    resource[low + begin : low + end] = -1
-    resource[low + end : high] = pieces + lane
+    out = np.full((4, count), -1)
+    out[:2, :lanes] = out[0, pieces : pieces + lanes] = np.arange(lanes)
+    out[1, pieces + lanes : pieces + 2 * lanes] = np.arange(lanes)
+    out[2:, :pieces] = track.source, track.target
+    return out
 
 
-def _in_line(track: Track, a: Index, b: Index) -> Flags:
+def _in_line(track: Track, a: Ints, b: Ints) -> Flags:
     """(N,) pairs of resources that a truck takes one after the other."""
-    pieces, lanes = len(track), len(track.network)
-    out = np.zeros(len(a), dtype=bool)
-
-    def lane_of(resource: Index, low: int) -> Ints:
-        part = np.where((resource >= low) & (resource < low + lanes), resource - low, -1)
-        return np.where(resource < lanes, resource, part).astype(np.int64)
-
+    out, at = np.zeros(len(a), dtype=bool), lanes_at(track, len(track) + 2 * len(track.network))
     for one, other in ((a, b), (b, a)):
-        piece = np.minimum(one, pieces - 1)
-        source, target = track.source[piece], track.target[piece]
-        connector = (one < pieces) & (source >= 0)
-        out |= connector & ((other == source) | (other == pieces + source))
-        out |= connector & ((other == target) | (other == pieces + lanes + target))
-        out |= (one >= pieces) & (one < pieces + lanes) & (other == one + lanes)
-        # Exit of one lane and entry of the next, joined by a connector.
-        left, entered = lane_of(one, pieces), lane_of(other, pieces + lanes)
-        both = (left >= 0) & (entered >= 0)
-        out |= both & np.isin(left * pieces + entered, _turns(track))
+        leaves, _, source, target = at[:, one]
+        left, entered, *_ = at[:, other]
+        out |= (source >= 0) & ((left == source) | (entered == target))
+        # Exit and entry of a lane, or exit of one and entry of the next, joined by a connector.
+        goes_on = (leaves == entered) | np.isin(leaves * len(track) + entered, _turns(track))
+        out |= (leaves >= 0) & (entered >= 0) & goes_on
     return out

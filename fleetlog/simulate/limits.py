@@ -1,5 +1,6 @@
 """What a simulation came to, and what limits the fleet: how busy its trucks, places and junctions are."""
 
+import json
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -12,8 +13,10 @@ from fleetlog.simulate.watch import Count
 MATERIAL = 0.1
 """Places, chargers or traffic limit a fleet that spends more than this share of its time waiting for them."""
 BUSY = 0.85  # Trucks limit a fleet that has work for more than this share of its time
-PLACES = {"pick places": PICK_PLACE, "drop places": DROP_PLACE, "chargers": CHARGER}
-KIND_OF = {"pick places": "pick", "drop places": "drop", "chargers": "charge"}
+PLACES = {
+    "pick places": ("pick", PICK_PLACE), "drop places": ("drop", DROP_PLACE), "chargers": ("charge", CHARGER),
+}  # fmt: skip
+"""The kind of each, and what trucks that wait for it lack."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +94,10 @@ class Tally:
     def limits(self, traffic: float) -> Limits:
         """What the run came to; ``traffic`` truck seconds of waiting on the road and before bays."""
         d = self.dispatcher
-        waiting = {"traffic": traffic, **{k: float(self.lacking[code]) for k, code in PLACES.items()}}
+        waiting = {"traffic": traffic, **{k: float(self.lacking[code]) for k, (_, code) in PLACES.items()}}
         earliest, assigned = d.book.numbers("earliest"), d.book.numbers("assigned")
         tasks = np.where(assigned < 0.0, float(self.seconds), assigned) - earliest
-        found = [self._places(kind) for kind in PLACES if (d.kind == KIND_OF[kind]).any()]
+        found = [self._places(name, *of) for name, of in PLACES.items() if of[0] in d.kind]
         busy = 1.0 - self.idle / (len(d.names) * self.seconds)
         trucks = Resource("trucks", len(d.names), None, busy, float(tasks.sum()) / self.seconds)
         found += [self._junctions(traffic), trucks]
@@ -107,14 +110,14 @@ class Tally:
         summary = dict(zip(("mean", "p95", "longest"), map(float, waits), strict=True))
         return Limits(bottleneck, tuple(found), waiting, summary)
 
-    def _places(self, kind: str) -> Resource:
+    def _places(self, what: str, kind: str, lack: int) -> Resource:
         d = self.dispatcher
-        bays = np.flatnonzero(d.kind == KIND_OF[kind])
+        bays = np.flatnonzero(d.kind == kind)
         places = np.unique(d.place_of[bays])
         most = int(places[np.argmax(self.wanted[places])])
         name = d.places[most] if self.wanted[most] > 0.0 else None
         taken = self.held[bays if name is None else np.flatnonzero(d.place_of == most)].mean() / self.seconds
-        return Resource(kind, len(bays), name, float(taken), float(self.caused[PLACES[kind]] / self.seconds))
+        return Resource(what, len(bays), name, float(taken), float(self.caused[lack] / self.seconds))
 
     def _junctions(self, traffic: float) -> Resource:
         most = int(np.argmax(self.before))
@@ -157,7 +160,8 @@ class Summary:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        c = self.count
+        c, text = self.count, json.dumps(asdict(self.limits))
+        limits = json.loads(text, parse_float=lambda digits: round(float(digits), 4))
         return {
             "vehicles": self.vehicles, "duration_s": self.duration_s, "rows": self.rows,
             "vehicle_steps": self.vehicle_steps, "tasks_given": c.tasks_given, "tasks_done": c.tasks_done,
@@ -168,7 +172,7 @@ class Summary:
             "longest_wait_s": round(self.longest_wait_s, 1),
             "charges": c.charges, "deadlocks": c.deadlocks, "deadlocks_released": c.deadlocks_released,
             "detours": c.detours, "made_room": c.made_room, "empty": c.empty,
-            "limits": {**_rounded(asdict(self.limits)), "one_more": self.one_more}, "notes": self.notes,
+            "limits": {**limits, "one_more": self.one_more}, "notes": self.notes,
         }  # fmt: skip
 
     def lines(self) -> list[str]:
@@ -191,11 +195,3 @@ class Summary:
         if c.empty:
             out.append(f"battery empty: {', '.join(c.empty)}")
         return out
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _rounded(v) for k, v in value.items()}
-    if isinstance(value, tuple):
-        return [_rounded(v) for v in value]
-    return round(value, 4) if isinstance(value, float) else value

@@ -6,7 +6,6 @@ differs from the recording, trip by trip, is the physics and not the traffic, or
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -57,7 +56,7 @@ def replay(
     shifted to the simulated arrival; where a trip takes longer than it took, the next one sets off later.
     ``together`` the trucks keep to their lanes and wait for one another.
     """
-    replays = _replays(dataset, truck, writer, physics or Physics(truck))
+    replays = _replays(dataset, truck, writer, physics or Physics(truck), together)
     lost, past = None, None
     if together:
         replays = iter(found := list(replays))
@@ -77,32 +76,23 @@ def replay(
     return MissionSummary(len(dataset.vehicles), trips, rows, distance, duration, energy, own, lost, past)
 
 
-def _replays(data: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics) -> Iterator[VehicleReplay]:
+def _replays(
+    data: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics, together: bool
+) -> Iterator[VehicleReplay]:
+    network = data.site.network
+    lanes = np.zeros(1 if network is None else len(network))
+    if together and network is not None:
+        lanes = lane_shift(network, truck, data.site.traffic)
     for vehicle in data.vehicles:
         recorded = data.read(vehicle)
         if len(recorded) > 1:
-            found = reconstruct(measured_channels(recorded, data.meta), data.site.network, truck)
+            found = reconstruct(measured_channels(recorded, data.meta), network, truck)
             own = physics.of(vehicle, recorded.time[0] * 1e-6)
-            yield VehicleReplay(recorded, found, data.site, own, writer)
-
-
-class Nodes(NamedTuple):
-    """(N,) nodes of all trips, truck after truck: where, when in the recording and when alone [s], whose."""
-
-    x: Floats
-    y: Floats
-    heading: Floats
-    recorded: Floats
-    alone: Floats
-    truck: Ints
-    trip: Ints
+            yield VehicleReplay(recorded, found, data.site, own, writer, lanes)
 
 
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
     """Let trucks wait for one another: the share of travel time that they lose; how many were let past."""
-    for one in replays:
-        if one.site.network is not None:
-            one.keep_to_lanes(lane_shift(one.site.network, truck, one.site.traffic))
     trips = [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]
     if not trips:
         return 0.0, 0
@@ -111,11 +101,12 @@ def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, i
     first = np.cumsum([0, *(len(_leg(t).distance) for _, t in trips)])
     half = half_box(truck)
     nodes = _nodes(replays, trips, clock)
-    was = _gates(nodes._replace(alone=nodes.recorded), half)
+    was = _gates(nodes.assign(alone=nodes.recorded), half)
     for k, (u, trip) in enumerate(trips):
-        stops = _own_stops(_leg(trip), nodes, was, int(first[k]))
+        stops = _own_stops(_leg(trip), nodes.recorded.to_numpy(), was, int(first[k]))
         if len(stops) < len(_leg(trip).stops):
-            replays[u].drive_on(trip, replace(_leg(trip), stops=stops))
+            trip.leg = replace(_leg(trip), stops=stops)
+            trip.drive = replays[u].free_flow(trip.leg)
     gates = _gates(_nodes(replays, trips, clock), half)
     return _driven(replays, trips, clock, first, gates)
 
@@ -127,38 +118,38 @@ def _leg(trip: Trip) -> Leg:
 
 def _nodes(
     replays: Sequence[VehicleReplay], trips: Sequence[tuple[int, Trip]], clock: Sequence[float]
-) -> Nodes:
-    legs = [(u, _leg(trip)) for u, trip in trips]
-    x, y, heading = (np.concatenate([getattr(g.path, c) for _, g in legs]) for c in ("x", "y", "heading"))
-    recorded = np.concatenate([g.path.time + clock[u] for u, g in legs])
-    alone, ready = [], dict.fromkeys(range(len(replays)), -np.inf)
-    for u, trip in trips:
+) -> pd.DataFrame:
+    """All nodes, truck after truck: where, when in the recording and when alone [s], whose, on which trip."""
+    parts, ready = [], dict.fromkeys(range(len(replays)), -np.inf)
+    for k, (u, trip) in enumerate(trips):
         assert trip.drive is not None
-        begin = max(replays[u].earliest(trip), ready[u])
-        alone.append(begin + trip.drive.time + clock[u])
-        ready[u] = begin + trip.drive.duration + replays[u].work(trip)
-    trip_of = np.repeat(np.arange(len(legs)), [len(g.distance) for _, g in legs])
-    owner = np.array([u for u, _ in legs])[trip_of]
-    return Nodes(x, y, heading, recorded, np.concatenate(alone), owner, trip_of)
+        begin, path = max(trip.earliest, ready[u]), _leg(trip).path
+        ready[u] = begin + trip.drive.duration + trip.work
+        recorded, alone = path.time + clock[u], begin + trip.drive.time + clock[u]
+        where = {"x": path.x, "y": path.y, "heading": path.heading}
+        parts.append(pd.DataFrame(where | {"recorded": recorded, "alone": alone, "truck": u, "trip": k}))
+    return pd.concat(parts, ignore_index=True)
 
 
-def _gates(n: Nodes, half: tuple[float, float]) -> pd.DataFrame:
+def _gates(n: pd.DataFrame, half: tuple[float, float]) -> pd.DataFrame:
     """A row a node and meeting: after ``truck``, node ``at`` is free when that has reached its ``node``.
 
     ``side`` says which of the two trucks of ``meeting`` it is whose node ``at`` is.
     """
-    pairs = _met(n, half)
-    meeting = _meetings(n, pairs)
+    pairs, truck, trip = _met(n, half), n.truck.to_numpy(), n.trip.to_numpy()
+    # Nodes of different trips are never neighbours.
+    cells, cell = np.unique((pairs + 3 * CLOSE * trip[pairs]) // CLOSE, axis=0, return_inverse=True)
+    meeting = touching(cells)[cell.ravel()]
     parts = []
     for side in (0, 1):
         rows = pd.DataFrame({"at": pairs[:, side], "meeting": meeting, "node": pairs[:, 1 - side]})
         rows = rows.groupby(["at", "meeting"])["node"].max().reset_index()
-        parts.append(rows.assign(side=side, truck=n.truck[rows.node]))
+        parts.append(rows.assign(side=side, truck=truck[rows.node]))
     found = pd.concat(parts, ignore_index=True)
     # Past the last node that is touched; who has arrived stands in nobody's way.
-    ahead = np.minimum(found.node + 1, len(n.x) - 1)
-    found["node"] = np.where(n.trip[ahead] == n.trip[found.node], ahead, found.node)
-    found["owner"] = n.truck[found["at"]]
+    ahead = np.minimum(found.node + 1, len(n) - 1)
+    found["node"] = np.where(trip[ahead] == trip[found.node], ahead, found.node)
+    found["owner"] = truck[found["at"]]
     found = found.sort_values(["at", "meeting"])
     # What says no more than a gate before it is none.
     of = [found.meeting, found.side]
@@ -166,35 +157,29 @@ def _gates(n: Nodes, half: tuple[float, float]) -> pd.DataFrame:
     return pd.DataFrame(found[found.node > before])
 
 
-def _met(n: Nodes, half: tuple[float, float]) -> Ints:
+def _met(n: pd.DataFrame, half: tuple[float, float]) -> Ints:
     """(P, 2) nodes whose footprints touch, of two trucks that are there within ``WINDOW``."""
     from fleetlog.simulate.kernels.geometry import meetings
 
     found = [np.zeros((0, 2), np.int64)]
     for begin in np.arange(n.alone.min(), n.alone.max() + 1e-3, WINDOW):
-        own = np.flatnonzero((n.alone >= begin) & (n.alone < begin + 2.0 * WINDOW))
+        own = n[(n.alone >= begin) & (n.alone < begin + 2.0 * WINDOW)]
         flat, every, skip = np.zeros(len(own)), np.ones(len(own), bool), np.full(len(own), -1, np.int32)
         if len(own):
-            trucks = n.truck[own].astype(np.int32)
-            found.append(own[meetings(n.x[own], n.y[own], flat, n.heading[own], trucks, every, *half, skip)])
+            boxes, trucks = own[["x", "y", "heading"]].to_numpy().T.copy(), own.truck.to_numpy(np.int32)
+            touch = meetings(boxes[0], boxes[1], flat, boxes[2], trucks, every, *half, skip)
+            found.append(own.index.to_numpy()[touch])
     return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
 
 
-def _meetings(n: Nodes, pairs: Ints) -> Ints:
-    """(P,) the meeting of two trips that each pair of touching nodes belongs to."""
-    # Nodes of different trips are never neighbours.
-    cells, of = np.unique((pairs + 3 * CLOSE * n.trip[pairs]) // CLOSE, axis=0, return_inverse=True)
-    return np.asarray(touching(cells)[of.ravel()])
-
-
-def _own_stops(leg: Leg, n: Nodes, gates: pd.DataFrame, first: int) -> dict[int, float]:
+def _own_stops(leg: Leg, recorded: Floats, gates: pd.DataFrame, first: int) -> dict[int, float]:
     """The stops on the way at which no other truck was in the way."""
     kept = {}
     for k, seconds in leg.stops.items():
-        until = n.recorded[first + k] + seconds
+        until = recorded[first + k] + seconds
         end = first + int(np.searchsorted(leg.distance, leg.distance[k] + REACH))
         low, high = np.searchsorted(gates["at"], [first + k, end])
-        opened = n.recorded[gates.node[low:high]]
+        opened = recorded[gates.node[low:high]]
         if not ((opened > until - min(seconds, AFTER)) & (opened <= until + 1.0)).any():
             kept[k] = seconds
     return kept
@@ -208,10 +193,11 @@ def _driven(
     from fleetlog.simulate.kernels.meet import Drives, Gates, meet, new_state
 
     alone = [trip.drive for _, trip in trips if trip.drive is not None]
-    columns = (np.concatenate([getattr(p, c) for p in alone]) for c in ("distance", "speed", "time", "wait"))
-    leave = np.array([clock[u] + replays[u].earliest(trip) for u, trip in trips])
-    work = np.array([replays[u].work(trip) for u, trip in trips])
-    drives = Drives._make([*columns, first, leave, work])
+    columns = [np.concatenate([getattr(p, c) for p in alone]) for c in ("distance", "speed", "time")]
+    leaves = np.concatenate([p.time + p.wait for p in alone])
+    leave = np.array([clock[u] + trip.earliest for u, trip in trips])
+    work = np.array([trip.work for _, trip in trips])
+    drives = Drives._make([*columns, leaves, first, leave, work])
     trucks = np.arange(len(replays) + 1)
     table = (gates[c].to_numpy(np.int64) for c in ("at", "truck", "node", "meeting", "side"))
     closed = Gates._make([np.searchsorted(gates.owner, trucks), *table])

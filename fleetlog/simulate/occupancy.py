@@ -11,7 +11,7 @@ import numpy as np
 from fleetlog.errors import InputError, nearest
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.state import CHARGER, Fleet, Mode
-from fleetlog.simulate.tasks import Drawn, Task
+from fleetlog.simulate.tasks import Task
 from fleetlog.simulate.watch import Untangler
 from fleetlog.simulate.world import World
 
@@ -39,14 +39,13 @@ class Policy:
 
 @dataclass
 class Job:
-    """What a truck is about: a stage, its task (and how that was drawn), its bay, since when [s].
+    """What a truck is about: a stage, its task, its bay, since when [s].
 
     ``stay``: how long it stands where it goes without working there [s].
     """
 
     stage: str = "idle"
     task: Task | None = None
-    drawn: Drawn | None = None
     goal: int = -1
     since: float = 0.0
     stay: float = 0.0
@@ -70,9 +69,10 @@ class Occupancy(Untangler):
         self.home, self.soc = np.full(trucks, -1, np.int64), np.ones(trucks)
         self.lacks, self.wants = np.zeros(trucks, np.int8), dict[int, Sequence[int]]()
         self.owner = np.full(len(world.bays), -1, np.int64)
-        self.bays_of = world.by_place
-        self.places = list(self.bays_of)
+        self.places = list(dict.fromkeys(b.place.id for b in world.bays))
         self.place_of = np.array([self.places.index(b.place.id) for b in world.bays])
+        bays_of = (np.flatnonzero(self.place_of == k).tolist() for k in range(len(self.places)))
+        self.bays_of: dict[str, list[int]] = dict(zip(self.places, bays_of, strict=True))
         self.kind = np.array([b.place.kind for b in world.bays])
         self.where = np.array([b.door.path[-1, :2] for b in world.bays])
         work = np.isin(self.kind, ("pick", "drop"))
@@ -95,9 +95,6 @@ class Occupancy(Untangler):
     def _idles(self, v: int) -> bool:
         """Whether a truck stands with nothing to do."""
         return bool(self.fleet.mode[v] == Mode.PARKED) and self.jobs[v].stage == "idle"
-
-    def _lack(self, v: int, what: int, bays: Sequence[int]) -> None:
-        self.lacks[v], self.wants[v] = what, bays
 
     def _open(self, place: str, v: int) -> bool:
         """Whether a bay of a place is free, or this truck's own."""
@@ -137,9 +134,13 @@ class Occupancy(Untangler):
             free = np.flatnonzero((self.owner < 0) & (self.kind != "charge"))
         return int(free[np.argmin(self._gaps(free, v))]) if len(free) else None
 
-    def _make_room(self, v: int, b: int) -> None:
-        self.count.made_room += 1
-        self._go(v, b, "park")
+    def _make_room(self, v: int) -> bool:
+        """Let a truck go to the nearest spare bay, if there is one."""
+        spare = self._spare_bay(v)
+        if spare is not None:
+            self.count.made_room += 1
+            self._go(v, spare, "park")
+        return spare is not None
 
     def _send_away(self, v: int, bays: Sequence[int], only_low: bool = False) -> None:
         """One idle truck, with ``only_low`` one that must charge, leaves a bay, unless one is being left."""
@@ -149,9 +150,7 @@ class Occupancy(Untangler):
                 return
         for u in holders:
             if u != v and self._idles(u) and not (only_low and self.soc[u] >= self.policy.low):
-                spare = self._spare_bay(u)
-                if spare is not None:
-                    self._make_room(u, spare)
+                self._make_room(u)
                 return
 
     # -- charging
@@ -180,4 +179,4 @@ class Occupancy(Untangler):
         for u in self.queue:
             # Who could go on does the next task; only who must charge waits.
             if f.mode[u] == Mode.PARKED and self.soc[u] < self.policy.low:
-                self._lack(u, CHARGER, self.chargers)
+                self.lacks[u], self.wants[u] = CHARGER, self.chargers

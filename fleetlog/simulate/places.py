@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.errors import DataError
-from fleetlog.simulate.arrays import Flags, Floats, Ints
+from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
-from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
+from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED, runs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,10 +63,8 @@ class Stands:
 def find_stands(dataset: Dataset) -> Stands:
     """All standstills of a dataset; one pass over its rows."""
     code = {v: float(i) for i, v in enumerate(dataset.vehicles)}
-    found = [
-        np.insert(table, 0, code[vehicle], axis=1)
-        for vehicle, table in each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
-    ]
+    days = each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
+    found = [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]
     if not found:
         raise DataError("the dataset has no rows", where=dataset.path)
     table = np.concatenate(found)
@@ -79,11 +77,10 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
     t = dataset.read(vehicle, date, COLUMNS)
     still = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
     gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
-    edge = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     load, height = np.nan_to_num(t.floats("payload")), np.nan_to_num(t.floats("fork_height"))
     x, y, soc = t.floats("x"), t.floats("y"), t.floats("soc")
     out = []
-    for a, b in edge.reshape(-1, 2):
+    for a, b in runs(still):
         first, last = max(a - 1, 0), min(b, len(t) - 1)
         changes = abs(load[last] - load[first]) > MIN_LOAD_CHANGE
         if gap[a + 1 : b].any() or ((t.time[b - 1] - t.time[a]) * 1e-6 < MIN_DWELL and not changes):
@@ -92,9 +89,8 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
         rise = np.nan_to_num(soc[b - 1] - soc[a])
         row = (t.time[a], t.time[b - 1], *at, load[first], load[last], rise, height[a:b].max())
         before, after = slice(max(a - MOTION, 0), a), slice(b, b + MOTION)
-        out.append(
-            (*row, _direction(x[before][::-1], y[before][::-1]) + np.pi, _direction(x[after], y[after]))
-        )
+        into = _direction(x[before][::-1], y[before][::-1]) + np.pi
+        out.append((*row, into, _direction(x[after], y[after])))
     return vehicle, np.array(out, dtype=np.float64).reshape(-1, 10)
 
 
@@ -136,14 +132,12 @@ def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
     return np.asarray(number[code])
 
 
-def kind_of(stands: Stands, mine: Flags) -> PlaceKind:
-    """What a place is for, from loads and charge; ``park`` where neither changes or the log has neither."""
-    up = float(np.mean(stands.after[mine] - stands.before[mine] > MIN_LOAD_CHANGE))
-    down = float(np.mean(stands.before[mine] - stands.after[mine] > MIN_LOAD_CHANGE))
-    if float(np.mean(stands.charged[mine] > MIN_CHARGE)) > MAJORITY:
+def kind_of(picks: float, drops: float, charges: float) -> PlaceKind:
+    """What a place is for, from the shares of visits; ``park`` where the log has neither loads nor charge."""
+    if charges > MAJORITY:
         return "charge"
-    if up + down > MAJORITY:
-        return "pick" if up >= down else "drop"
+    if picks + drops > MAJORITY:
+        return "pick" if picks >= drops else "drop"
     return "park"
 
 
@@ -154,19 +148,18 @@ def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     rows, counts = [], Counter[str]()
     for k in range(int(cluster.max(initial=-1)) + 1):
         mine = cluster == k
-        kind = kind_of(stands, mine)
+        change, dwell = stands.after[mine] - stands.before[mine], stands.dwell[mine]
+        shares = change > MIN_LOAD_CHANGE, change < -MIN_LOAD_CHANGE, stands.charged[mine] > MIN_CHARGE
+        picks, drops, charges = (float(np.mean(share)) for share in shares)
+        kind = kind_of(picks, drops, charges)
         counts[kind] += 1
         x, y = float(np.median(stands.x[mine])), float(np.median(stands.y[mine]))
-        change, dwell = stands.after[mine] - stands.before[mine], stands.dwell[mine]
-        rows.append({
-            "place": f"{kind}-{counts[kind]}", "kind": kind, "x": x, "y": y,
-            "spread": float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y))),
-            "visits": int(mine.sum()), "vehicles": len(np.unique(stands.vehicle[mine])),
-            "dwell_median": float(np.median(dwell)), "dwell_total": float(dwell.sum()),
-            "picks": float(np.mean(change > MIN_LOAD_CHANGE)),
-            "drops": float(np.mean(change < -MIN_LOAD_CHANGE)),
-            "charges": float(np.mean(stands.charged[mine] > MIN_CHARGE)),
-        })  # fmt: skip
+        spread = float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y)))
+        rows.append((
+            f"{kind}-{counts[kind]}", kind, x, y, spread, int(mine.sum()),
+            len(np.unique(stands.vehicle[mine])), float(np.median(dwell)), float(dwell.sum()),
+            picks, drops, charges,
+        ))  # fmt: skip
     names = "place kind x y spread visits vehicles dwell_median dwell_total picks drops charges"
     return pd.DataFrame(rows, columns=names.split())
 
@@ -197,7 +190,6 @@ def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Si
         # Who leaves as another comes makes room for it.
         together = np.cumsum(step[np.lexsort((step, time))])
         most[name] = max(most.get(name, 1), int(together.max(initial=1)))
-    places = (
-        p if p.kind == "charge" else replace(p, plugs=max(p.plugs, most.get(p.id, 1))) for p in site.places
-    )
+    more = {p.id: most.get(p.id, 1) for p in site.places if p.kind != "charge"}
+    places = (replace(p, plugs=max(p.plugs, more.get(p.id, p.plugs))) for p in site.places)
     return replace(site, places=tuple(places))

@@ -1,21 +1,27 @@
 """From steps to power and charge, and to rows of the dataset, written by threads as the fleet drives on."""
 
+from __future__ import annotations
+
 import os
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
-from fleetlog.physics.power import Physics, battery_power, cell_power
+from fleetlog.physics.power import battery_power, cell_power
 from fleetlog.simulate.arrays import Floats, Index, Modes
 from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 from fleetlog.store.writer import DatasetWriter
+
+if TYPE_CHECKING:
+    from fleetlog.simulate.engine import Settings
+    from fleetlog.simulate.world import World
 
 CHARGE_RATE = 0.25  # Power of a charger that the site does not state, in battery capacities an hour
 TAPER_FROM = 0.8
@@ -33,59 +39,29 @@ TOGETHER = 16  # Trucks that are written at once, where there are as many
 BEHIND = 8  # Such groups that may wait to be written; the fleet waits when there are more
 
 
-class Energy(NamedTuple):
-    """(V, K) battery power [W], charge at the start of each step, voltage [V], current [A] or None."""
-
-    power: Floats
-    soc: Floats
-    voltage: Floats | None
-    current: Floats | None
+Columns = dict[str, NDArray[Any]]  # (V, K) of a batch, by name
 
 
-class Batch(NamedTuple):
-    """(V, K) of a batch beside the log: place on the map."""
-
-    x: Floats
-    y: Floats
-    z: Floats
-    heading: Floats
-    curvature: Floats
-    slope: Floats
-    offset: Floats
-    lateral: Floats
-    edge: Index
-
-
-def locate(ground: Track, log: Log) -> Batch:
+def locate(ground: Track, log: Log) -> Columns:
     """Where on the map every logged state is."""
     from fleetlog.simulate.kernels.geometry import expand
 
-    t, shape = ground, log.piece.shape
-    out, edge = expand(
-        log.piece.ravel(), log.s.ravel(), (log.mode == Mode.LEAVING).ravel(), t.first, t.spacing, t.x, t.y,
-        t.z, t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
-    )  # fmt: skip
-    return Batch._make([*out.reshape(-1, *shape), edge.reshape(shape)])
+    t, back = ground, (log.mode == Mode.LEAVING).ravel()
+    out, edge = expand(log.piece.ravel(), log.s.ravel(), back, t.first, t.spacing, t.samples, t.edge)
+    names = ("x", "y", "z", "heading", "curvature", "slope", "edge_offset", "lateral_offset", "edge")
+    return {n: values.reshape(log.piece.shape) for n, values in zip(names, [*out, edge], strict=True)}
 
 
-@dataclass
 class Meter:
-    """Follows the charge of trucks; no ``battery``: nominal.
+    """Follows the charge of trucks (V,), and sums up the energy used and charged [Wh]."""
 
-    ``physics`` of each kind, ``of`` (V,) the kind of each truck; ``charger`` (B,) [W] of bays, NaN: none;
-    ``limit`` [W] of all chargers together.
-    """
-
-    physics: list[Physics]
-    of: Index
-    ground: Track
-    charger: Floats
-    dt: float
-    soc: Floats
-    temperature: float = 20.0
-    battery: BatteryModel | None = None
-    limit: float = np.inf
-    share: float = 1.0  # Of its power that each charger gives now
+    def __init__(self, world: World, settings: Settings) -> None:
+        self.physics, self.of, self.limit = world.physics, world.trucks.of, world.site.power_limit
+        self.dt, self.temperature, self.battery = settings.step, settings.temperature, settings.battery
+        self.charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
+        self.soc = np.full(len(self.of), settings.soc)
+        self.share = 1.0  # Of its power that each charger gives now
+        self.used = self.charged = 0.0
 
     def share_site_power(self, mode: Modes, bay: Index) -> None:
         """What each charger may give of its power, so that all together keep to the limit of the site."""
@@ -93,26 +69,27 @@ class Meter:
         wanted = sum(float(self._charge_power(bay[v : v + 1], slice(v, v + 1))[0]) for v in charging.tolist())
         self.share = min(1.0, self.limit / wanted) if wanted > 0.0 else 1.0
 
-    def batch(self, log: Log, place: Batch, bay: Index, step0: int, which: slice) -> Energy:
+    def batch(self, log: Log, place: Columns, bay: Index, step0: int, which: slice) -> Columns:
         """Power and charge of ``which`` trucks, of one kind, from step ``step0``; ``bay`` (V,) of each."""
         trucks, steps = log.piece.shape
         n, first, physics = trucks * steps, which.start, self.physics[self.of[which.start]]
         motion = Motion(
             time=np.tile((step0 + np.arange(steps)) * self.dt, trucks), dt=np.full(n, self.dt),
             speed=np.maximum(log.v + 0.5 * log.a * self.dt, 0.0).ravel(), acceleration=log.a.ravel(),
-            slope=place.slope.ravel(), curvature=place.curvature.ravel(), heading=place.heading.ravel(),
             payload=log.load.ravel(), lift_speed=log.lift.ravel(), fork_height=log.height.ravel(),
-            x=place.x.ravel(), y=place.y.ravel(), edge=place.edge.ravel(), edge_offset=place.offset.ravel(),
             ambient_temperature=np.full(n, self.temperature), soc=np.repeat(self.soc[which], steps),
             vehicle=np.repeat(np.arange(first, first + trucks), steps),
             trip=log.trip.ravel().astype(np.int64), power=np.zeros(n),
+            **{name: place[name].ravel() for name in place.keys() - {"z", "lateral_offset"}},
         )  # fmt: skip
         power = battery_power(motion, physics).reshape(trucks, steps)
         charging = log.mode == Mode.CHARGING
         if charging.any():
             power = power - np.where(charging, self.share * self._charge_power(bay, which)[:, None], 0.0)
         power[log.mode == Mode.EMPTY] = 0.0
-        return self._follow(power, which)
+        self.used += float(np.maximum(power, 0.0).sum()) * self.dt / 3600.0
+        self.charged -= float(np.minimum(np.where(charging, power, 0.0), 0.0).sum()) * self.dt / 3600.0
+        return {"battery_power": power, **self._follow(power, which)}
 
     def _charge_power(self, bay: Index, which: slice) -> Floats:
         truck = self.physics[self.of[which.start]].truck
@@ -121,46 +98,50 @@ class Meter:
         taper = 1.0 - 0.9 * np.clip((self.soc[which] - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
         return np.asarray(rate * taper)
 
-    def _follow(self, power: Floats, which: slice) -> Energy:
-        truck: Truck = self.physics[self.of[which.start]].actual_truck()
+    def _follow(self, power: Floats, which: slice) -> Columns:
+        """The charge at the start of each step; by a battery's chemistry also voltage [V] and current [A]."""
         if self.battery is not None:
-            return self._chemistry(power, which)
+            return self._chemistry(power, self.battery, which)
+        truck: Truck = self.physics[self.of[which.start]].actual_truck()
         soc = np.zeros((len(power), power.shape[1] + 1))
         np.cumsum(cell_power(power, truck), axis=1, out=soc[:, 1:])
         soc *= -self.dt / (3600.0 * truck.battery.capacity_wh)
         soc += self.soc[which, None]
         np.clip(soc, 0.0, 1.0, out=soc)
         self.soc[which] = soc[:, -1]
-        return Energy(power, np.ascontiguousarray(soc[:, :-1]), None, None)
+        return {"soc": np.ascontiguousarray(soc[:, :-1])}
 
-    def _chemistry(self, power: Floats, which: slice) -> Energy:
-        assert self.battery is not None
-        soc, volts, amps = np.empty_like(power), np.empty_like(power), np.empty_like(power)
+    def _chemistry(self, power: Floats, battery: BatteryModel, which: slice) -> Columns:
+        soc, volts, amps = np.empty((3, *power.shape))
         dt = np.full(power.shape[1], self.dt)
         charge = self.soc[which]
         for v in range(len(power)):
-            d = discharge(power[v], dt, self.battery, float(charge[v]), self.temperature)
+            d = discharge(power[v], dt, battery, float(charge[v]), self.temperature)
             soc[v, 0], soc[v, 1:] = charge[v], d.soc[:-1]
             volts[v], amps[v], charge[v] = d.voltage, d.current, d.soc[-1]
-        return Energy(power, soc, volts, amps)
+        return {"soc": soc, "battery_voltage": volts, "battery_current": amps}
 
 
 class Recorder:
     """Takes batches of ``steps`` steps, keeps every ``every``-th one as a row, and writes a group of trucks'
     rows when enough have come together, or the ``total`` of steps is reached.
 
-    Power of a row is the mean over the ``every`` steps around it, so that power times the time between rows
-    adds up to the energy.  Groups are written in turn, each by one thread at a time: the same bytes whatever
-    the number of threads.  Leaving the block without :meth:`flush` gives up what is not written.
+    Height is known of hilly sites, voltage and current by a battery's chemistry.  Power of a row is the mean
+    over the ``every`` steps around it, so that power times the time between rows adds up to the energy.
+    Groups are written in turn, each by one thread at a time: the same bytes whatever the number of threads.
+    Leaving the block without :meth:`flush` gives up what is not written.
     """
 
     def __init__(
-        self, writer: DatasetWriter, names: list[str], edges: tuple[str, ...], start: int, dt: float,
-        every: int, steps: int, total: int, columns: tuple[str, ...],
+        self, writer: DatasetWriter, names: list[str], world: World, settings: Settings, steps: int,
+        total: int,
     ) -> None:  # fmt: skip
-        self.writer, self.names, self.edges, self.columns = writer, names, edges, columns
-        self.every, self.interval = every, every * round(dt * 1e6)
-        self.start = start + every // 2 * round(dt * 1e6)
+        self.writer, self.names, self.edges = writer, names, world.track.network.edge_ids
+        flat, nominal = not np.any(world.ground.z), settings.battery is None
+        unknown = ("z",) * flat + MEANS[1:] * nominal
+        self.columns = tuple(c for c in DIGITS if c not in unknown)
+        every, dt = round(settings.interval / settings.step), round(settings.step * 1e6)
+        self.every, self.interval, self.start = every, every * dt, settings.start + every // 2 * dt
         trucks, batches = len(names), total // steps
         groups = -(-trucks // min(TOGETHER, trucks))
         self._most = min(max(ROWS * every // (trucks * steps), 1), batches)
@@ -168,7 +149,7 @@ class Recorder:
         # where all rows can be kept, all at the end.
         share = 1.0 if self._most == batches else 0.5 + 0.5 * (np.arange(groups) + 1) / (groups + 1)
         self._due = np.full(groups, np.maximum(share * self._most, 1.0)).astype(int)
-        self._batch = np.zeros((trucks, len(columns) + 2, steps // every), np.int32)
+        self._batch = np.zeros((trucks, len(self.columns) + 2, steps // every), np.int32)
         self._rows = np.zeros(groups, np.int64)
         self._kept: list[list[Index]] = [[] for _ in range(groups)]
         self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 4))
@@ -180,24 +161,18 @@ class Recorder:
     def __exit__(self, *error: object) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def add(self, trucks: slice, log: Log, place: Batch, energy: Energy) -> None:
+    def add(self, trucks: slice, log: Log, found: Columns) -> None:
         """One batch of some trucks; :meth:`next` when it was added for all of them."""
-        known = {
-            "x": place.x, "y": place.y, "z": place.z, "heading": place.heading, "speed": log.v,
-            "edge_offset": place.offset, "lateral_offset": place.lateral, "payload": log.load,
-            "fork_height": log.height, "battery_power": energy.power, "battery_voltage": energy.voltage,
-            "battery_current": energy.current, "soc": energy.soc,
-        }  # fmt: skip
+        known = {**found, "speed": log.v, "payload": log.load, "fork_height": log.height}
         batch, middle = self._batch[trucks], self.every // 2
         for k, name in enumerate(self.columns):
             values = known[name]
-            assert values is not None
             if name in MEANS:
                 rows = sum(values[:, i :: self.every] for i in range(self.every)) / self.every
             else:
                 rows = values[:, middle :: self.every]
             batch[:, k] = np.nan_to_num(np.rint(rows * 10.0 ** DIGITS[name]), nan=NULL)
-        batch[:, -2], batch[:, -1] = (codes[:, middle :: self.every] for codes in (place.edge, log.trip))
+        batch[:, -2], batch[:, -1] = (codes[:, middle :: self.every] for codes in (found["edge"], log.trip))
 
     def next(self) -> None:
         """All trucks have had their batch: groups that are due are written."""
@@ -243,9 +218,3 @@ class Recorder:
 def rounded(columns: dict[str, Floats]) -> dict[str, Values]:
     """Columns to the decimals that a simulation writes."""
     return {name: np.round(values, DIGITS[name]) for name, values in columns.items()}
-
-
-def columns_of(hilly: bool, chemistry: bool) -> tuple[str, ...]:
-    """Columns that are known: height of hilly sites, voltage and current by a battery's chemistry."""
-    unknown = (() if hilly else ("z",)) + (() if chemistry else ("battery_voltage", "battery_current"))
-    return tuple(c for c in DIGITS if c not in unknown)

@@ -29,7 +29,8 @@ ROUNDED = 9  # Nodes over which a truck goes from one lane over to the next
 class Trip:
     """A recorded trip: rows, when it left and arrived [s since the first row], leg and speeds.
 
-    It is driven from ``begin`` on, or when the one before is done.
+    It is driven from ``begin`` on, or when the one before is done; not before ``earliest``, when what the
+    truck did before without driving is done.  ``work`` [s] after the arrival loads and forks come to rest.
     """
 
     number: int
@@ -40,15 +41,20 @@ class Trip:
     drive: SpeedProfile | None
     payload: float
     begin: float
+    work: float
+    earliest: float = -np.inf
 
 
 class VehicleReplay:
     """One truck's recording, driven again."""
 
     def __init__(
-        self, recorded: Trajectory, found: Reconstruction, site: Site, physics: Physics, writer: DatasetWriter
-    ) -> None:
+        self, recorded: Trajectory, found: Reconstruction, site: Site, physics: Physics,
+        writer: DatasetWriter, lanes: Floats,
+    ) -> None:  # fmt: skip
         self.recorded, self.site, self.physics, self.writer = recorded, site, physics, writer
+        self.lanes = lanes
+        """(E,) metres that trucks keep to the left of the middle of their roads."""
         self.energy = found.rows(np.nan_to_num(found.motion.power) * found.motion.dt)
         self.legs: dict[int, list[Leg]] = {}
         for leg in legs(found):
@@ -63,11 +69,13 @@ class VehicleReplay:
         known = soc[np.isfinite(soc)]
         self.soc = float(known[0]) if len(known) else 0.95
         self.place: Leg | None = None
-        self.lanes = np.zeros(0 if site.network is None else len(site.network))
-        """(E,) metres that trucks keep to the left of the middle of their roads."""
         ids = recorded.trip_ids()
         begins = np.concatenate([[0], np.flatnonzero(np.diff(ids)) + 1, [len(ids)]])
         self.trips = [self._trip(int(ids[a]), int(a), int(b)) for a, b in itertools.pairwise(begins)]
+        stands = -np.inf
+        for trip in self.trips:
+            trip.earliest = max(trip.begin, stands)
+            stands = max(stands, trip.begin + trip.work) if trip.leg is None else -np.inf
 
     def run(self) -> None:
         """All trips in order of time."""
@@ -75,7 +83,7 @@ class VehicleReplay:
         for k, trip in enumerate(self.trips):
             leave = max(trip.begin, clock)
             arrival = leave + (trip.drive.duration if trip.drive is not None else 0.0)
-            ready = arrival + self.work(trip)
+            ready = arrival + trip.work
             last = k + 1 == len(self.trips)
             until = max(ready, float(self.time[-1])) if last else max(ready, self.trips[k + 1].begin)
             end = int(np.ceil((until - 1e-9) / self.interval)) + (1 if last else 0)
@@ -86,62 +94,48 @@ class VehicleReplay:
             clock, row = until, max(end, row)
 
     def _trip(self, number: int, a: int, b: int) -> Trip:
-        rows = self.recorded[a:b]
-        driven = self.legs.get(number)
+        rows, driven = self.recorded[a:b], self.legs.get(number)
         if not driven:
-            return Trip(number, rows, *(float(self.time[a]),) * 2, None, None, 0.0, float(self.time[a]))
+            at = float(self.time[a])
+            return Trip(number, rows, at, at, None, None, 0.0, at, self._work(rows, at))
         leg = self._drawn(joined(driven))
         self.totals[:3] += leg.distance[-1], leg.duration, self.energy[a:b].sum()
         leave, arrive = float(leg.path.time[0]), float(leg.path.time[-1])
-        payload = float(np.median(leg.path.payload))
-        return Trip(number, rows, leave, arrive, leg, self._free_flow(leg), payload, leave)
+        payload, work = float(np.median(leg.path.payload)), self._work(rows, arrive)
+        drive = self.free_flow(leg)
+        return Trip(number, rows, leave, arrive, self._beside(leg), drive, payload, leave, work)
 
-    def _free_flow(self, leg: Leg) -> SpeedProfile:
+    def free_flow(self, leg: Leg) -> SpeedProfile:
         """Speeds on a leg; into a bay and out of it a truck creeps."""
         limit, off = speed_limits(self.site, leg.path), leg.path.edge < 0
         slow = np.minimum(limit, creep_speed(self.physics.actual_truck()))
         limit = np.where(off & (not off.all()), slow, limit)
         return free_flow(leg, self.physics.at(leg.path.time[0]), limit)
 
-    def drive_on(self, trip: Trip, leg: Leg) -> None:
-        """Drive another leg on a trip."""
-        trip.leg, trip.drive = leg, self._free_flow(leg)
-
-    def keep_to_lanes(self, lanes: Floats) -> None:
-        """Draw the trips (E,) metres left of the middle of their roads, without a jump at corners."""
-        from scipy.ndimage import uniform_filter1d
-
-        self.lanes = lanes
-        for trip in self.trips:
-            if trip.leg is not None and len(lanes):
-                p = trip.leg.path
-                left = np.where(p.edge >= 0, lanes[np.maximum(p.edge, 0)], 0.0)
-                left = uniform_filter1d(left, ROUNDED, mode="nearest")
-                x, y = p.x - left * np.sin(p.heading), p.y + left * np.cos(p.heading)
-                trip.leg = replace(trip.leg, path=p.replaced(x=x, y=y))
-
-    def earliest(self, trip: Trip) -> float:
-        """When a trip may begin: after what the truck did before without driving [s since the first row]."""
-        k = self.trips.index(trip)
-        stood = itertools.takewhile(lambda t: t.leg is None, reversed(self.trips[:k]))
-        return max([trip.begin, *(t.begin + self.work(t) for t in stood)])
-
     def _drawn(self, leg: Leg) -> Leg:
         """The leg on the middle of its roads, where it lies on roads."""
         network, p = self.site.network, leg.path
         if network is None:
             return leg
-        on = np.maximum(p.edge, 0)
-        x, y, _ = network.position(on, p.edge_offset).T
+        x, y, _ = network.position(np.maximum(p.edge, 0), p.edge_offset).T
         path = p.replaced(x=np.where(p.edge >= 0, x, p.x), y=np.where(p.edge >= 0, y, p.y))
         return replace(leg, path=path)
 
-    def work(self, trip: Trip) -> float:
+    def _beside(self, leg: Leg) -> Leg:
+        """The leg on its lanes, without a jump at corners."""
+        from scipy.ndimage import uniform_filter1d
+
+        p = leg.path
+        left = uniform_filter1d(np.where(p.edge >= 0, self.lanes[p.edge], 0.0), ROUNDED, mode="nearest")
+        x, y = p.x - left * np.sin(p.heading), p.y + left * np.cos(p.heading)
+        return replace(leg, path=p.replaced(x=x, y=y))
+
+    def _work(self, rows: Trajectory, arrive: float) -> float:
         """Seconds after the arrival until loads and forks have come to rest."""
-        time = (trip.rows.time - self.recorded.time[0]) * 1e-6 - trip.arrive
+        time = (rows.time - self.recorded.time[0]) * 1e-6 - arrive
         busy = np.zeros(len(time), dtype=bool)
         for name in ("payload", "fork_height"):
-            busy[1:] |= np.abs(np.diff(np.nan_to_num(trip.rows.floats(name)))) > 0.02
+            busy[1:] |= np.abs(np.diff(np.nan_to_num(rows.floats(name)))) > 0.02
         return float(np.max(time[busy & (time >= 0.0)], initial=0.0))
 
     def _write(self, trip: Trip, leave: float, arrival: float, rows: Floats) -> None:
@@ -223,15 +217,14 @@ class VehicleReplay:
         if np.isfinite(at.ambient_temperature).any():
             columns["ambient_temperature"] = np.round(at.ambient_temperature, 2)
         if self.site.network is not None and (at.edge >= 0).any():
-            used, places = np.unique(at.edge, return_inverse=True)
-            names = self.site.network.edge_ids
-            codes = np.where(at.edge < 0, -1, places - int(used[0] < 0)).astype(np.int32)
-            columns["edge_id"] = Labels(codes, tuple(names[i] for i in used if i >= 0))
+            used, names = np.unique(at.edge[at.edge >= 0]), self.site.network.edge_ids
+            codes = np.where(at.edge < 0, -1, np.searchsorted(used, at.edge)).astype(np.int32)
+            columns["edge_id"] = Labels(codes, tuple(names[i] for i in used))
             length = self.site.network.length[np.maximum(at.edge, 0)]
             columns["edge_offset"] = np.where(
                 at.edge < 0, np.nan, np.round(np.clip(at.edge_offset, 0.0, length), 3)
             )
-            columns["lateral_offset"] = np.where(at.edge < 0, np.nan, self.lanes[np.maximum(at.edge, 0)])
+            columns["lateral_offset"] = np.where(at.edge < 0, np.nan, self.lanes[at.edge])
         time = self.recorded.time[0] + np.rint(rows * 1e6).astype(np.int64)
         self.writer.write(Trajectory(self.recorded.vehicle_id, time, columns))
         self.written += len(rows)

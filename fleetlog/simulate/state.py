@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any, NamedTuple, get_args, get_type_hints
+from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
-from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints, Modes
 
 
@@ -91,7 +89,6 @@ class Fleet(NamedTuple):
     held_from: Index
     held_to: Index
     ahead: Index
-    behind: Index
     waits: Floats
     load: Floats
     trip: Index
@@ -143,13 +140,8 @@ def new_log(trucks: int, steps: int) -> Log:
     return Log(*(np.zeros((trucks, steps), kinds.get(name, np.float64)) for name in Log._fields))
 
 
-def log_of(log: Log, trucks: slice) -> Log:
-    """The log of some trucks."""
-    return log._replace(**{name: getattr(log, name)[trucks] for name in Log._fields})
-
-
 NOT_ZERO: dict[str, float] = {
-    "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1, "behind": -1,
+    "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,
     "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf, "hand_start": -np.inf,
     "until": np.inf, "attention": 1,
 }  # fmt: skip
@@ -163,14 +155,9 @@ def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int
         "claimed": resources, "round": 1,
         **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed", "walked"), lanes),
     }  # fmt: skip
-    hints = get_type_hints(Fleet)
-
-    def array(name: str) -> NDArray[Any]:
-        # NDArray[T] is an array of any shape of dtype[T].
-        kind = get_args(get_args(hints[name])[1])[0]
-        return np.full(shape.get(name, trucks), NOT_ZERO.get(name, 0), kind)
-
-    return Fleet(*(array(name) for name in Fleet._fields))
+    # NDArray[T] is an array of any shape of dtype[T].
+    kinds = {name: get_args(get_args(hint)[1])[0] for name, hint in get_type_hints(Fleet).items()}
+    return Fleet(*(np.full(shape.get(n, trucks), NOT_ZERO.get(n, 0), kinds[n]) for n in Fleet._fields))
 
 
 def creep_speed(truck: Truck) -> float:
@@ -182,21 +169,20 @@ def creep_speed(truck: Truck) -> float:
 def limits_of(kinds: Sequence[Truck], of: Index, length: float, gap: float) -> Limits:
     """The numbers of trucks of several kinds; ``of`` (V,) which each has."""
 
-    def each(number: Callable[[Truck], float]) -> Floats:
-        return np.array([number(truck) for truck in kinds])[of]
+    def each(name: str) -> Floats:
+        return np.array([truck.value(name) for truck in kinds])[of]
 
-    down = each(lambda t: t.drive.max_deceleration)
+    down, creep = each("drive.max_deceleration"), np.array([creep_speed(truck) for truck in kinds])[of]
     return Limits(
-        length, gap, 2 * of, each(lambda t: t.drive.max_acceleration), down, PLAN * down,
-        each(lambda t: t.drive.max_power), each(lambda t: t.resistance.rolling),
-        each(lambda t: t.chassis.mass), each(creep_speed), each(lambda t: t.lift.raise_speed),
-        each(lambda t: t.lift.lower_speed), 15.0,
+        length, gap, 2 * of, each("drive.max_acceleration"), down, PLAN * down, each("drive.max_power"),
+        each("resistance.rolling"), each("chassis.mass"), creep, each("lift.raise_speed"),
+        each("lift.lower_speed"), 15.0,
     )  # fmt: skip
 
 
-DRIVER = dict.fromkeys(
-    ("speed_factor", "max_acceleration", "max_deceleration", "max_lateral_acceleration"), 1.0
-)
+DRIVER = {
+    "speed_factor": 1.0, "max_acceleration": 1.0, "max_deceleration": 1.0, "max_lateral_acceleration": 1.0,
+}  # fmt: skip
 """What a driver asks of a truck; power follows from the motion, whoever drives."""
 
 
@@ -213,10 +199,9 @@ class Trucks:
         if isinstance(trucks, Truck):
             others = [truck for truck, count in trucks.others for _ in range(count)]
             if len(others) > vehicles:
-                raise DataError(
-                    f"{len(others)} trucks of other types are more than the {vehicles} vehicles",
-                    do="ask for more with --vehicles, or for fewer in the truck's [[fleet]]",
-                )
+                what = f"{len(others)} trucks of other types are more than the {vehicles} vehicles"
+                do = "ask for more with --vehicles, or for fewer in the truck's [[fleet]]"
+                raise DataError(what, do=do)
             trucks = [replace(trucks, others=())] * (vehicles - len(others)) + others
         kinds = tuple(dict.fromkeys(trucks))
         return cls(kinds, np.array([kinds.index(trucks[v % len(trucks)]) for v in range(vehicles)], np.int32))
@@ -228,16 +213,9 @@ class Trucks:
     def envelope(self) -> Truck:
         """The truck that roads and bays are laid out for: as long, wide and strong as any, and as hard to
         turn."""
-
-        def most(name: str) -> float:
-            return max(truck.value(f"chassis.{name}") for truck in self.kinds)
-
-        sizes = {name: most(name) for name in ("length", "width", "turn_radius", "rated_load")}
+        names = ("length", "width", "turn_radius", "rated_load")
+        sizes = {name: max(truck.value(f"chassis.{name}") for truck in self.kinds) for name in names}
         return replace(self.kinds[0], chassis=replace(self.kinds[0].chassis, **sizes))
-
-    def physics(self, common: Physics) -> list[Physics]:
-        """Of each kind; ``common`` are the terms that hold for all."""
-        return [replace(common, truck=truck) for truck in self.kinds]
 
     def alike(self, most: int) -> Iterator[slice]:
         """Groups of at most so many trucks, one after the other, that take the same power to move alike."""

@@ -4,6 +4,7 @@ import bisect
 import csv
 import difflib
 import io
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
-from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.doors import Stand
 from fleetlog.store.events import Columns
 
@@ -33,7 +34,8 @@ class Task:
 
     ``vehicle`` None: any; ``source``, ``target`` places; ``payload`` kg; ``earliest`` s after the start;
     ``dwell`` (pick, drop) s, at least what the lift needs, ``on_road`` with the way into and out of the bay;
-    ``height`` (pick, drop) m.
+    ``height`` (pick, drop) m.  Of the free places an endless task takes the one of the lowest ``ranks`` (P,);
+    a truck takes no other for ``pause`` s after it.
     """
 
     vehicle: str | None
@@ -44,6 +46,8 @@ class Task:
     dwell: tuple[float, float] = (20.0, 20.0)
     height: tuple[float, float] = (1.2, 1.2)
     on_road: bool = False
+    ranks: Floats = field(default_factory=lambda: np.zeros(0), compare=False)
+    pause: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True)
@@ -83,11 +87,6 @@ class Demand:
     """Given ones that cannot be done: there is no room at one of their places."""
 
 
-def random_load(rng: np.random.Generator, truck: Truck) -> float:
-    """A payload between a tenth and all of the rated load [kg], most often half."""
-    return round(float(rng.triangular(0.1, 0.5, 1.0)) * truck.chassis.rated_load, 1)
-
-
 def random_visits(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
     """Dwell [s], log-normal, and height of the shelf [m], where a load is picked and where it is dropped."""
     stay, leave = (float(np.clip(rng.lognormal(np.log(22.0), 0.35), 12.0, 90.0)) for _ in range(2))
@@ -95,96 +94,70 @@ def random_visits(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[
     return (stay, leave), (pick, drop)
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """An endless task; ``ranks`` (P,): of the free places the lowest is taken; ``pause`` after it [s]."""
-
-    task: Task
-    ranks: Floats
-    pause: float
-
-
-class TaskStream:
-    """Endless tasks: number k of a seed is the same task, whoever does it and whatever else is varied."""
-
-    def __init__(self, seed: int, truck: Truck, places: int, pause: float) -> None:
-        self.seed, self.truck, self.places, self.pause = seed, truck, places, pause
-        self.drawn = 0
-
-    def draw(self, now: float) -> Drawn:
-        """The next task, its places still open."""
-        rng = np.random.Generator(np.random.PCG64([self.seed, self.drawn]))
-        self.drawn += 1
-        load, pause = random_load(rng, self.truck), float(rng.exponential(self.pause))
-        task = Task(None, "", "", load, now, *random_visits(rng))
-        return Drawn(task, rng.random(self.places), pause)
+def endless_tasks(seed: int, truck: Truck, places: int, pause: float) -> Iterator[Task]:
+    """Tasks whose places are still open: number k of a seed is the same, whoever does it and whatever else is
+    varied."""
+    for number in itertools.count():
+        rng = np.random.Generator(np.random.PCG64([seed, number]))
+        load = round(float(rng.triangular(0.1, 0.5, 1.0)) * truck.chassis.rated_load, 1)
+        rest, (dwell, height) = float(rng.exponential(pause)), random_visits(rng)
+        yield Task(None, "", "", load, 0.0, dwell, height, ranks=rng.random(places), pause=rest)
 
 
 def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0) -> list[Task]:
     """Tasks of a CSV whose columns are ``COLUMNS``; :class:`InputError` names the line at fault."""
-    path = Path(path)
-    rng = np.random.default_rng(seed)
-    tasks = [_task(row, path, line, site, truck, rng) for line, row in _rows(path)]
+    path, data, place = Path(path), read_whole(Path(path), SETTINGS), "line 1"
+    tasks, rng = [], np.random.default_rng(seed)
+    try:
+        reader = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""), restval="")
+        _check_header(list(reader.fieldnames or ()))
+        for row in reader:
+            place = f"line {reader.line_num}"
+            tasks.append(_task(row, site, truck, rng))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"not readable as CSV: {error}", where=path, do="write UTF-8 text") from None
+    except InputError as error:
+        raise InputError(error.what, where=path, place=place, do=error.do) from None
     return sorted(tasks, key=lambda t: t.earliest)
 
 
-def _rows(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """The rows of a tasks file, each with its line."""
-    try:
-        text = read_whole(path, SETTINGS).decode("utf-8-sig")
-        reader = csv.DictReader(io.StringIO(text, newline=""), restval="")
-        _check_header(list(reader.fieldnames or ()), path)
-        for row in reader:
-            place = f"line {reader.line_num}"
-            if None in row:
-                raise InputError("has more fields than the header", where=path, place=place)
-            yield place, row
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"not readable as CSV: {error}", where=path, do="write UTF-8 text") from None
-
-
-def _check_header(names: list[str], path: Path) -> None:
+def _check_header(names: list[str]) -> None:
     known = f"the columns are {', '.join(COLUMNS)}"
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"has the column {name!r} more than once", where=path, place="line 1", do=known)
+            raise InputError(f"has the column {name!r} more than once", do=known)
         if name not in COLUMNS and difflib.get_close_matches(name, COLUMNS):
-            do = nearest(name, COLUMNS)
-            raise InputError(f"has an unknown column {name!r}", where=path, place="line 1", do=do)
+            raise InputError(f"has an unknown column {name!r}", do=nearest(name, COLUMNS))
     for name in ("from", "to"):
         if name not in names:
-            raise InputError(f"has no column {name!r}", where=path, place="line 1", do=known)
+            raise InputError(f"has no column {name!r}", do=known)
 
 
-def _task(
-    row: dict[str, str], path: Path, place: str, site: Site, truck: Truck, rng: np.random.Generator
-) -> Task:
-    known = [p.id for p in site.places]
-    for column in ("from", "to"):
-        if row[column] not in known:
-            do = nearest(row[column], known) if known else "add it to the site"
-            raise InputError(f"no place {row[column]!r} on this site", where=path, place=place, do=do)
-    payload = _number(row.get("payload"), 0.5 * truck.chassis.rated_load, "payload", path, place)
-    if payload > truck.chassis.rated_load:
-        raise InputError(
-            f"{payload:g} kg is more than the truck's rated load of {truck.chassis.rated_load:g} kg",
-            where=path, place=place, do="split the load or take a stronger truck",
-        )  # fmt: skip
-    earliest = _number(row.get("earliest"), 0.0, "earliest", path, place)
+def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generator) -> Task:
+    if None in row:
+        raise InputError("has more fields than the header")
+    known, most = [p.id for p in site.places], truck.chassis.rated_load
+    for name in (row["from"], row["to"]):
+        if name not in known:
+            do = nearest(name, known) if known else "add it to the site"
+            raise InputError(f"no place {name!r} on this site", do=do)
+    payload, earliest = _number(row, "payload", 0.5 * most), _number(row, "earliest", 0.0)
+    if payload > most:
+        what = f"{payload:g} kg is more than the truck's rated load of {most:g} kg"
+        raise InputError(what, do="split the load or take a stronger truck")
     given = (row.get("vehicle") or "").strip()
     vehicle = given if given not in ("", "any") else None
     return Task(vehicle, row["from"], row["to"], payload, earliest, *random_visits(rng))
 
 
-def _number(text: str | None, default: float, name: str, path: Path, place: str) -> float:
-    if text is None or not text.strip():
-        return default
+def _number(row: dict[str, str], name: str, default: float) -> float:
+    text = row.get(name) or ""
     try:
-        value = float(text)
+        value = float(text) if text.strip() else default
     except ValueError:
-        raise InputError(f"{name} {text!r} is not a number", where=path, place=place) from None
+        raise InputError(f"{name} {text!r} is not a number") from None
     if not 0.0 <= value < np.inf:
-        raise InputError(f"{name} {text!r} is negative or not finite", where=path, place=place)
+        raise InputError(f"{name} {text!r} is negative or not finite")
     return value
 
 
@@ -192,10 +165,8 @@ def check_vehicles(tasks: Sequence[Task], names: Sequence[str]) -> None:
     """Raise where a task is for a truck that is not simulated."""
     for task in tasks:
         if task.vehicle is not None and task.vehicle not in names:
-            raise InputError(
-                f"a task is for vehicle {task.vehicle!r}, which is not simulated",
-                do=nearest(task.vehicle, names),
-            )
+            what = f"a task is for vehicle {task.vehicle!r}, which is not simulated"
+            raise InputError(what, do=nearest(task.vehicle, names))
 
 
 class TaskBook:
@@ -242,16 +213,10 @@ class TaskBook:
 
     def columns(self, start: int) -> Columns:
         """The table of tasks; ``start`` of the simulation [us]."""
-
-        def text(name: str) -> Labels:
-            return Labels.of([line.get(name) or None for line in self.lines])
-
-        def time(name: str) -> Ints:
+        columns: dict[str, Any] = {"task": np.arange(len(self.lines)), "payload": self.numbers("payload")}
+        for name in ("vehicle_id", "from_place", "to_place", "status"):
+            columns[name] = Labels.of([line.get(name) or None for line in self.lines])
+        for name in ("earliest", "assigned", "picked", "dropped"):
             seconds = self.numbers(name)
-            return np.where(seconds < 0.0, -1, start + np.rint(seconds * 1e6).astype(np.int64))
-
-        return {
-            "task": np.arange(len(self.lines)), "payload": self.numbers("payload"),
-            **{name: text(name) for name in ("vehicle_id", "from_place", "to_place", "status")},
-            **{name: time(name) for name in ("earliest", "assigned", "picked", "dropped")},
-        }  # fmt: skip
+            columns[name] = np.where(seconds < 0.0, -1, start + np.rint(seconds * 1e6).astype(np.int64))
+        return columns

@@ -40,11 +40,8 @@ def shifted(points: Floats, left: float) -> Floats:
 
 def simplified(points: Floats) -> Floats:
     """Without vertices that repeat the one before."""
-    x, y = points[:, 0], points[:, 1]
-    repeats = np.flatnonzero(np.hypot(x[1:] - x[:-1], y[1:] - y[:-1]) <= 1e-6) + 1
-    if not len(repeats):
-        return points
-    kept = np.delete(points, repeats, axis=0)
+    dx, dy = np.diff(points, axis=0).T
+    kept = points[np.append(True, np.hypot(dx, dy) > 1e-6)]
     return kept if len(kept) >= 2 else points[[0, -1]]
 
 
@@ -94,13 +91,9 @@ def joined(start: Floats, out: float, end: Floats, into: float) -> Floats:
         if first > 1e-3 and last > 1e-3 and abs(turn) < 2.6:
             bow = arc(start + first * a, a, turn, min(first, last))
             return np.concatenate([[start], bow, [end]])
-    return _cubic(start, a, end, b)
-
-
-def _cubic(start: Floats, a: Floats, end: Floats, b: Floats) -> Floats:
-    handle = max(0.65 * float(np.hypot(*(end - start))), 0.5)
-    u = np.linspace(0.0, 1.0, 41)[:, None]
-    p1, p2 = start + handle * a, end - handle * b
+    # A cubic whose handles point along the headings.
+    handle = max(0.65 * float(np.hypot(*gap)), 0.5)
+    u, p1, p2 = np.linspace(0.0, 1.0, 41)[:, None], start + handle * a, end - handle * b
     return np.asarray((1 - u) ** 3 * start + 3 * u * (1 - u) ** 2 * p1 + 3 * u**2 * (1 - u) * p2 + u**3 * end)
 
 
@@ -164,25 +157,29 @@ class Track:
         return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.first))
 
     @cached_property
+    def samples(self) -> Floats:
+        """(S, 8) x, y, z, heading, curvature, slope, offset, lateral."""
+        return np.column_stack([
+            self.x, self.y, self.z, self.heading, self.curvature, self.slope, self.offset, self.lateral,
+        ])  # fmt: skip
+
+    @cached_property
     def swings(self) -> Flags:
         """(P,) connectors that turn by more than ``SWING``: their two lanes lie side by side."""
         turn = self.heading[self.first[1:] - 1] - self.heading[self.first[:-1]]
         return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (self.source >= 0))
 
     @cached_property
-    def _by_turn(self) -> dict[tuple[int, int], int]:
+    def by_turn(self) -> dict[tuple[int, int], int]:
+        """The connector from one edge to another."""
         turns = zip(self.source.tolist(), self.target.tolist(), strict=True)
         return {turn: p for p, turn in enumerate(turns) if turn[0] >= 0}
-
-    def turn(self, a: int, b: int) -> int:
-        """The connector from one edge to another, -1: none."""
-        return self._by_turn.get((a, b), -1)
 
     def pieces(self, edges: NDArray[np.integer]) -> Index:
         """Lanes and connectors along a chain of edges."""
         out = [int(edges[0])]
         for a, b in itertools.pairwise(edges):
-            out += [self._by_turn[int(a), int(b)], int(b)]
+            out += [self.by_turn[int(a), int(b)], int(b)]
         return np.array(out, dtype=np.int32)
 
 
@@ -241,9 +238,8 @@ def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floa
     enter = network.heading(every, np.zeros(len(network)))
     owner = np.repeat(every, np.diff(network.next_first))
     turn = np.abs(np.angle(np.exp(1j * (enter[network.next_edges] - leave[owner]))))
-    need = (radius + np.maximum(shift[owner], shift[network.next_edges])) * np.tan(
-        np.minimum(turn, 1.9) / 2.0
-    )
+    wide = radius + np.maximum(shift[owner], shift[network.next_edges])
+    need = wide * np.tan(np.minimum(turn, 1.9) / 2.0)
     # Turning round at a dead end is done beyond the last metre.
     need = np.where(turn > 2.8, 1.0, need) + 0.05
     before, after = np.full(len(network), 0.05), np.full(len(network), 0.05)

@@ -3,7 +3,7 @@
 They are found and released; others look for another way.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,49 +45,40 @@ class Watch:
         """For each of the trucks the one that has to move first, -1 where none is found."""
         truck, way = holdings(self.roads, self.fleet)
         holders = dict(zip(way.tolist(), truck.tolist(), strict=True))
-        return {v: self._blocker(v, holders) for v in trucks}
+        found = {v: self._in_the_way(v, holders) for v in trucks}
+        return {v: next((u for u in others if u >= 0), -1) for v, others in found.items()}
 
-    def _blocker(self, v: int, holders: dict[int, int]) -> int:
-        f, r = self.fleet, self.roads
-        if f.mode[v] == Mode.DRIVING:
-            if f.ahead[v] >= 0:
-                return int(f.ahead[v])
-            if f.why[v] == 2:
-                lane = self.next_lane(v)
-                first = self._between(lane, -np.inf, np.inf, -1)
-                return first if first >= 0 else int(f.asks[lane])
-            if f.why[v] == 1:
-                _, wanted = passages(r, f, np.array([v]), f.at[[v]], np.array([self._end(v)]))
-                return self._holder(wanted, v, holders)
-            return self._in_front(v)
-        door = int(f.door[v])
-        found = self._holder([len(r.length) + 2 * len(r.clear) + door], v, holders)
-        if found < 0 and r.door_crosses[door] >= 0:
-            found = self._between(int(r.door_crosses[door]), r.door_low[door], r.door_high[door], v)
-        if found < 0:
-            found = self._between(int(r.door_lane[door]), r.door_at[door] - NEAR, r.door_at[door] + NEAR, v)
-        return found
+    def _in_the_way(self, v: int, holders: dict[int, int]) -> Iterator[int]:
+        """Who may have to move before truck ``v`` can, the likeliest first; -1: nobody."""
+        f, r, door = self.fleet, self.roads, int(self.fleet.door[v])
+        if f.mode[v] != Mode.DRIVING:
+            yield from self._holders([len(r.length) + 2 * len(r.clear) + door], v, holders)
+            if r.door_crosses[door] >= 0:
+                yield self._between(int(r.door_crosses[door]), r.door_low[door], r.door_high[door], v)
+            yield self._between(int(r.door_lane[door]), r.door_at[door] - NEAR, r.door_at[door] + NEAR, v)
+        elif f.ahead[v] >= 0:
+            yield int(f.ahead[v])
+        elif f.why[v] == 2:
+            lane = self.next_lane(v)
+            yield self._between(lane, -np.inf, np.inf, -1)
+            yield int(f.asks[lane])
+        elif f.why[v] == 1:
+            _, wanted = passages(r, f, np.array([v]), f.at[[v]], np.array([self._end(v)]))
+            yield from self._holders(wanted, v, holders)
+        else:
+            # Who stands on, crosses, or is let out onto the next pieces of its way.
+            for k in range(int(f.at[v]), self._end(v) + 1):
+                piece = int(f.route[v, k])
+                found = [f.tail[piece]] if k > f.at[v] else []
+                found += [f.crossed[piece], f.asks[piece]] if piece < len(r.clear) else []
+                yield from (int(u) for u in found if u != v)
 
-    def _in_front(self, v: int) -> int:
-        """Who stands on, crosses, or is let out onto the next pieces of a truck's way."""
-        f = self.fleet
-        for k in range(int(f.at[v]), self._end(v) + 1):
-            piece = int(f.route[v, k])
-            found = [int(f.tail[piece])] if k > f.at[v] else []
-            if piece < len(self.roads.clear):
-                found += [int(f.crossed[piece]), int(f.asks[piece])]
-            for u in found:
-                if u not in (-1, v):
-                    return u
-        return -1
-
-    def _holder(self, wanted: Iterable[int], v: int, holders: dict[int, int]) -> int:
+    def _holders(self, wanted: Iterable[int], v: int, holders: dict[int, int]) -> Iterator[int]:
         r = self.roads
         for what in wanted:
-            for other in r.conflicts[r.conflict_first[what] : r.conflict_first[what + 1]]:
-                if holders.get(int(other), v) != v:
-                    return holders[int(other)]
-        return -1
+            for other in r.conflicts[r.conflict_first[what] : r.conflict_first[what + 1]].tolist():
+                if holders.get(other, v) != v:
+                    yield holders[other]
 
     def _between(self, lane: int, low: float, high: float, v: int) -> int:
         f = self.fleet
@@ -191,16 +182,13 @@ class Untangler:
                 self._other_door(v)
         still = self.watch.still(now)
         stuck: list[int] = np.flatnonzero(still > STUCK).tolist()
-        if not stuck:
-            self._known = {}
-            return
-        found = {frozenset(ring) for ring in rings(self.watch.blockers(stuck))}
+        found = {frozenset(ring) for ring in rings(self.watch.blockers(stuck))} if stuck else set()
+        known, self._known = self._known, {}
         for ring in sorted(found, key=min):
-            released = self._break(sorted(ring))
-            self.count.deadlocks += ring not in self._known
-            self.count.deadlocks_released += released and not self._known.get(ring, False)
-            self._known[ring] = released or self._known.get(ring, False)
-        self._known = {ring: done for ring, done in self._known.items() if ring in found}
+            before, released = known.get(ring), self._break(sorted(ring))
+            self.count.deadlocks += before is None
+            self.count.deadlocks_released += released and not before
+            self._known[ring] = released or bool(before)
         for v in stuck:
             if f.mode[v] == Mode.DRIVING and f.why[v] == 2 and now - f.waits[v] > DETOUR:
                 self._detour(v)
@@ -211,16 +199,14 @@ class Untangler:
         if any(self._other_door(v) if f.mode[v] != Mode.DRIVING else self._detour(v) for v in ring):
             return True
         full = any(f.why[v] == 2 for v in ring)
-        if full:
-            f.force[np.array(ring)] = True
+        f.force[ring] |= full
         return full
 
     def _other_door(self, v: int) -> bool:
         """Send who cannot get into its bay, or out of it, by another door; on the road it drives on."""
         f, ways, door = self.fleet, self.world.ways, self.world.doors[self.fleet.door[v]]
-        if f.entry[v] or f.mode[v] not in (Mode.AT_BAY, Mode.WANTS_OUT):
-            return False
-        if f.held_to[v] >= f.held_from[v]:
+        stands = f.mode[v] in (Mode.AT_BAY, Mode.WANTS_OUT) and not f.entry[v]
+        if not stands or f.held_to[v] >= f.held_from[v]:
             # What it has reserved is counted along its old way.
             return False
         if f.mode[v] == Mode.WANTS_OUT:

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Network, build_network
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
 from fleetlog.roads.routing import Router
@@ -25,6 +26,7 @@ NODE, SEEN = 20.0, 2
 TURN_REACH = 30.0
 """A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
 CROSSING = 3.0  # What crossing a lane on the way into a bay or out of it costs in choosing a way [s]
+NO_WAY_BACK = "no lane of the map leads back to where it began"
 AHEAD = 0.5  # A door this much farther along the lane can be reached without a way round [m]
 
 
@@ -71,11 +73,9 @@ def turning_round(network: Network) -> tuple[Network, int]:
 
 def with_turns(network: Network, turns: Iterable[tuple[int, int]]) -> Network:
     """The network with further turns from one edge to another."""
-    every = range(len(network))
-    known = {(i, int(k)) for i in every for k in network.successors(i)}
-    pairs = np.array(sorted(known | set(turns)), dtype=np.int32).reshape(-1, 2)
-    first = np.searchsorted(pairs[:, 0], np.arange(len(network) + 1)).astype(np.int32)
-    return replace(network, next_first=first, next_edges=np.ascontiguousarray(pairs[:, 1]))
+    names, known = network.edge_ids, [(i, k) for i in range(len(network)) for k in network.successors(i)]
+    pairs = [(names[a], names[b]) for a, b in (*known, *turns)]
+    return build_network(network.edges(), pairs, has_elevation=network.has_elevation)
 
 
 def recorded_turns(dataset: Dataset, network: Network) -> list[tuple[int, int]]:
@@ -107,12 +107,9 @@ def with_loops(site: Site) -> tuple[Site, list[str]]:
         return site, []
     network, count = turning_round(network)
     if (parts(network) < 0).all():
-        raise SiteError(
-            "no lane of the map leads back to where it began: a truck that leaves a place could not return",
-            do="join the ends of the lanes, or draw roads in both directions",
-        )
-    note = f"no lane of the map leads back to where it began: trucks turn round at {count} open ends"
-    return replace(site, network=network), [note]
+        what = f"{NO_WAY_BACK}: a truck that leaves a place could not return"
+        raise SiteError(what, do="join the ends of the lanes, or draw roads in both directions")
+    return replace(site, network=network), [f"{NO_WAY_BACK}: trucks turn round at {count} open ends"]
 
 
 class Itinerary(NamedTuple):
@@ -125,7 +122,7 @@ class Itinerary(NamedTuple):
 
 
 class Ways:
-    """Answers for one site; those without closed edges are kept."""
+    """Answers for one site, which are kept."""
 
     def __init__(self, track: Track, router: Router, doors: list[Door], bays: int) -> None:
         self.track, self.router, self.doors = track, router, doors
@@ -133,7 +130,8 @@ class Ways:
         for d, door in enumerate(doors):
             self.of_bay[door.bay].append(d)
         self.pace = router.time / np.maximum(router.network.length, 1e-9)
-        self._known: dict[tuple[int, int, bool], tuple[Index, float] | None] = {}
+        self.extra = [CROSSING if door.crosses >= 0 else 0.0 for door in doors]
+        self._lanes = lru_cache(maxsize=None)(self._search)
 
     def between(self, start: int, end: int, closed: Iterable[int] = (), only: int = -1) -> Itinerary | None:
         """The quickest way from bay ``start`` to bay ``end``; with ``only`` out of that door."""
@@ -142,7 +140,7 @@ class Ways:
             door = self.doors[a]
             way = self.onward(door.lane, door.at, end, shut)
             if way is not None:
-                found.append(way._replace(out=a, cost=way.cost + self._extra(a)))
+                found.append(way._replace(out=a, cost=way.cost + self.extra[a]))
         return min(found, key=lambda w: w.cost, default=None)
 
     def onward(self, lane: int, at: float, end: int, closed: Iterable[int] = ()) -> Itinerary | None:
@@ -150,23 +148,12 @@ class Ways:
         shut, found = tuple(closed), []
         for b in self.of_bay[end]:
             door = self.doors[b]
-            way = self._lanes(lane, door.lane, door.at > at + AHEAD, shut)
+            way = self._lanes(lane, door.lane, door.lane != lane or door.at > at + AHEAD, shut)
             if way is not None:
                 rest = float(self.track.length[door.lane]) - door.at
-                cost = way[1] - at * self.pace[lane] - rest * self.pace[door.lane] + self._extra(b)
+                cost = way[1] - at * self.pace[lane] - rest * self.pace[door.lane] + self.extra[b]
                 found.append(Itinerary(-1, b, way[0], cost))
         return min(found, key=lambda w: w.cost, default=None)
-
-    def _extra(self, door: int) -> float:
-        return CROSSING if self.doors[door].crosses >= 0 else 0.0
-
-    def _lanes(self, a: int, b: int, onward: bool, shut: tuple[int, ...]) -> tuple[Index, float] | None:
-        key = (a, b, onward or a != b)
-        if shut:
-            return self._search(*key, shut)
-        if key not in self._known:
-            self._known[key] = self._search(*key, shut)
-        return self._known[key]
 
     def _search(self, a: int, b: int, onward: bool, shut: tuple[int, ...]) -> tuple[Index, float] | None:
         """Pieces from lane ``a`` to ``b``, round the block if it lies behind on the same one; cost [s]."""

@@ -14,10 +14,16 @@ from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
 from fleetlog.simulate.arrays import Flags, Floats, Ints
-from fleetlog.simulate.bays import BayMaker
+from fleetlog.simulate.bays import BayMaker, lay_out
 from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
-from fleetlog.simulate.junctions import Junctions, conflict_lists, find_junctions, half_box, unique_pairs
-from fleetlog.simulate.spots import lay_out
+from fleetlog.simulate.junctions import (
+    Junctions,
+    conflict_lists,
+    find_junctions,
+    half_box,
+    lanes_at,
+    unique_pairs,
+)
 from fleetlog.simulate.state import PLAN, Roads, Trucks, creep_speed
 from fleetlog.simulate.track import Track, assemble, build_track
 from fleetlog.simulate.ways import Ways, with_loops
@@ -46,14 +52,6 @@ class World:
     walks: Floats  # (Z, E) where trucks stop before each zone that people cross [m]; inf: nowhere
     notes: list[str] = field(default_factory=list)
 
-    @property
-    def by_place(self) -> dict[str, list[int]]:
-        """Bays of every place, by its id."""
-        out: dict[str, list[int]] = {}
-        for b, bay in enumerate(self.bays):
-            out.setdefault(bay.place.id, []).append(b)
-        return out
-
 
 def build_world(
     site: Site, trucks: Trucks | Truck, vehicles: int, physics: Physics | None = None,
@@ -64,7 +62,7 @@ def build_world(
     network = site.roads()
     trucks = Trucks.given(trucks, vehicles) if isinstance(trucks, Truck) else trucks
     truck = trucks.envelope
-    own = trucks.physics((physics or Physics(truck)).fleet)
+    own = [replace((physics or Physics(truck)).fleet, truck=kind) for kind in trucks.kinds]
     fastest = max((p.actual_truck().drive for p in own), key=lambda d: d.max_speed * d.speed_factor)
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
@@ -95,18 +93,12 @@ def with_spurs(track: Track, doors: list[Door]) -> Track:
 
 def speed_limits(site: Site, track: Track) -> Floats:
     """(S,) limit [m/s] of road and zones at every sample, inf where there is none."""
-    limit = np.where(np.isfinite(track.network.speed_limit), track.network.speed_limit, np.inf)[track.edge]
+    limit = np.nan_to_num(track.network.speed_limit, nan=np.inf)[track.edge]
     # In the middle of a connector the lower of the two limits holds on both sides of the change.
     change = np.flatnonzero(np.diff(track.edge) != 0)
-    lower = np.minimum(limit[change], limit[change + 1])
-    inside = track.source[np.searchsorted(track.first, change, side="right") - 1] >= 0
-    limit[change[inside]] = lower[inside]
-    limit[change[inside] + 1] = lower[inside]
-    for zone in site.zones:
-        if np.isfinite(zone.speed_limit):
-            inside = zone.contains(track.x, track.y)
-            limit = np.where(inside, np.minimum(limit, zone.speed_limit), limit)
-    return limit
+    change = change[track.source[track.owner[change]] >= 0]
+    limit[change] = limit[change + 1] = np.minimum(limit[change], limit[change + 1])
+    return np.minimum(limit, site.zone_limit(track.x, track.y))
 
 
 def caps(site: Site, track: Track, physics: Physics) -> Floats:
@@ -141,14 +133,8 @@ def _roads(
     site: Site, track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck,
     physics: list[Physics], walks: Floats,
 ) -> Roads:  # fmt: skip
-    pieces, lanes = len(track), len(track.network)
-    pairs = _spur_conflicts(track, j, doors, ground, truck)
-    count = pieces + 2 * lanes + len(doors)
-    old = np.repeat(np.arange(len(j.conflict_first) - 1), np.diff(j.conflict_first))
-    first, conflicts = conflict_lists(
-        np.concatenate([old, pairs[:, 0]]), np.concatenate([j.conflicts, pairs[:, 1]]), count
-    )
-
+    apart = np.append(j.conflicts, _spur_conflicts(track, j, doors, ground, truck), axis=0)
+    first, conflicts = conflict_lists(apart, len(track) + 2 * len(track.network) + len(doors))
     cap = np.concatenate([caps(site, track, p) for p in physics])
     kinds = {"lane": np.int32, "crosses": np.int32}
     by_door: dict[str, Any] = {
@@ -161,26 +147,22 @@ def _roads(
     )  # fmt: skip
 
 
-def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck) -> Ints:
+def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], g: Track, truck: Truck) -> Ints:
     """(N, 2) resources that exclude each other because of a spur, but for those that lead onto its lane."""
     from fleetlog.simulate.kernels.geometry import meetings
 
-    pieces, lanes, samples = len(track), len(track.network), len(track.x)
-    g, ask = ground, np.arange(len(ground.x)) >= samples
-    skip = np.full(len(ask), -1, np.int32)
+    samples, spurs = len(track.x), len(track) + 2 * len(track.network)
+    ask, skip = np.arange(len(g.x)) >= samples, np.full(len(g.x), -1, np.int32)
     pairs = meetings(g.x, g.y, g.z, g.heading, g.owner, ask, *half_box(truck), skip)
-    resource = np.concatenate([j.resource, 2 * lanes + ground.owner[samples:]]).astype(np.int64)
+    resource = np.append(j.resource, g.owner[samples:] - len(track) + spurs).astype(np.int64)
     # b > a always, and spurs come last: b is the spur.
-    a, b = resource[pairs[:, 0]], resource[pairs[:, 1]]
-    passed = np.array([d.passed for d in doors])
-    keep = (a >= 0) & ~passed[np.maximum(b - pieces - 2 * lanes, 0)]
-    keep &= (a < pieces + 2 * lanes) | ~passed[np.maximum(a - pieces - 2 * lanes, 0)]
+    a, b = resource[pairs].T
+    passed = np.append(np.zeros(spurs, dtype=bool), [d.passed for d in doors])
+    keep = (a >= 0) & ~passed[a] & ~passed[b]
     found = unique_pairs(a[keep], b[keep])
-    lane = np.array([d.lane for d in doors], dtype=np.int64)[found[:, 1] - pieces - 2 * lanes]
-    other = found[:, 0]
-    target = np.where(other < pieces, track.target[np.minimum(other, pieces - 1)], -1)
-    follows = (other == lane) | (other == pieces + lanes + lane) | (target == lane)
-    return np.asarray(found[~follows])
+    lane = np.array([d.lane for d in doors], dtype=np.int64)[found[:, 1] - spurs]
+    _, entered, _, target = lanes_at(track, spurs + len(doors))[:, found[:, 0]]
+    return np.asarray(found[(entered != lane) & (target != lane)])
 
 
 def stops_before(site: Site, track: Track, length: float) -> Floats:

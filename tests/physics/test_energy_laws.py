@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleetlog.core.motion import Motion
+from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.truck import SECTIONS, Chassis, Truck, load_truck
 from fleetlog.physics.cycles import legs, vdi_pieces
@@ -264,6 +264,14 @@ def test_copper_loss_goes_by_all_forces_at_the_wheel(
     warm = physics.changed({"copper_loss": {"k": k}})
     lost = battery_power(motion, warm)[0] - battery_power(motion, physics)[0]
     assert lost == pytest.approx(k * force**2, rel=1e-9)
+
+
+def test_an_enabled_drive_is_that_of_its_own_truck() -> None:
+    driving, standing = Motion.of(5, speed=1.0), Motion.of(5, vehicle=1)
+    physics = Physics(TRUCK, {"enabled_load": {"power": 100.0, "hold": 2.0}})
+    both, stopped = join([driving, standing]), join([driving, Motion.of(5, time=np.arange(5.0, 10.0))])
+    assert ledger(both, physics)["enabled_load"].tolist() == [100.0] * 5 + [0.0] * 5
+    assert ledger(stopped, physics)["enabled_load"].tolist() == [100.0] * 7 + [0.0] * 3
 
 
 def test_a_coasting_truck_draws_auxiliary_power_only() -> None:

@@ -12,39 +12,25 @@ from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, Source
 from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.model import Model
-from fleetlog.physics.power import Physics, all_terms, allowed_speed
+from fleetlog.physics.motion.legs import quickest
+from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-SLOWEST = 0.05  # Speed that every cap leaves [m/s]
 STEP = 0.02  # Finite differences, as a share of a parameter's range
 
 
 def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:
     """Return the time of the step to each node, (G,) [s], and whether a cap holds the speed down there."""
-    from fleetlog.physics.motion.kernels.profile import clock, passes
-
     if physics.own:
         parts = [(w, *drive_times(path, p)) for w, p in physics.phases(path.motion.time)]
         held = np.any([capped & (w > 0.5) for w, _, capped in parts], axis=0)
         return np.asarray(sum(w * time for w, time, _ in parts)), held
-    truck = physics.actual_truck()
-    drive = truck.drive
-    allowed = np.minimum(path.motion.speed * drive.speed_factor, drive.max_speed)
-    cap = np.maximum(
-        np.minimum(allowed, allowed_speed(path.motion.replaced(speed=allowed), physics)), SLOWEST
-    )
     ends = ~path.inside | path.last
-    mass = truck.chassis.mass + path.motion.payload.astype(float)
-    most, slope = np.where(ends, 0.0, cap).astype(float), path.motion.slope.astype(float)
-    speed = passes(
-        path.s, most, slope, mass, drive.max_acceleration, drive.max_deceleration, drive.max_power,
-        truck.resistance.rolling,
-    )  # fmt: skip
-    time = clock(path.s, speed, np.zeros(len(cap)), drive.max_acceleration, drive.max_deceleration)
+    speed, time, cap = quickest(path.s, path.motion, physics, ends, np.zeros(len(ends)))
     return np.where(path.inside, np.diff(time, prepend=0.0), 0.0), (speed > 0.97 * cap) & path.inside
 
 

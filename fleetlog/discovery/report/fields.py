@@ -167,6 +167,6 @@ def _square_field(cells: Squares, v: Values, term: Term, neutral: float) -> Fiel
     count = len(value)
     half = np.full(count, cells.side)
     return Field(
-        np.full(count, -1, np.int32), np.zeros(count), half, x, y, np.angle(np.exp(1j * heading_)),
+        np.full(count, -1, np.int32), x, y, np.angle(np.exp(1j * heading_)), np.zeros(count), half,
         value, value - NORMAL * error, value + NORMAL * error, np.tile(samples, len(turns)),
     )  # fmt: skip

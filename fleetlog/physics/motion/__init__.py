@@ -1,7 +1,4 @@
-"""One motion for all.
-
-Path, curvature, heading, speed and acceleration of a log, with their uncertainty, at any rate.
-"""
+"""One motion for all: path, heading, speed and acceleration of a log, and how well they are known."""
 
 from fleetlog.physics.motion.noise import Noise
 from fleetlog.physics.motion.reconstruction import Reconstruction, reconstruct

@@ -1,11 +1,11 @@
 """Load, forks, power and slope of a log as a motion needs them."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.physics.motion.rows import Flags
 
 LONGEST_HOLD = 60.0  # A load is held through a silence of its channel up to this [s]
 
@@ -18,17 +18,12 @@ def payload(t: Floats, trajectory: Trajectory) -> Floats:
     return np.asarray(np.maximum(np.nan_to_num(held), 0.0))
 
 
-@dataclass(frozen=True)
-class Forks:
-    """Height [m] of the forks at knots in time [s], linear between them.
-
-    ``doubt`` (N - 1,) between rows: share of what is lifted there that may lie in either half, a standard
-    deviation.
-    """
+class Forks(NamedTuple):
+    """Height [m] of the forks at knots in time [s], linear between them."""
 
     time: Floats
     height: Floats
-    doubt: Floats
+    doubt: Floats  # (N - 1,) of what is lifted between rows, share that may lie in either half; a deviation
 
     def at(self, moment: Floats) -> Floats:
         """(n,) height [m] at (n,) moments."""
@@ -49,7 +44,7 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
 
     height = trajectory.floats("fork_height")
     known = np.isfinite(height)
-    if not trajectory.has("fork_height") or known.sum() < 2:
+    if known.sum() < 2:
         return Forks(np.zeros(1), np.zeros(1), np.zeros(max(len(t) - 1, 0)))
     if not known.all():
         height = np.interp(t, t[known], height[known])
@@ -60,14 +55,13 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
     lasts = np.minimum(np.abs(rise) / np.maximum(usual, 1e-9), step)
     goes_on = (np.diff(moved) == 1) & (np.sign(rise[1:]) == np.sign(rise[:-1]))
     before, after = np.append(False, goes_on), np.append(goes_on, False)
-    # Alone in its interval a lift may be anywhere; one that fills the interval is spread evenly over both
-    # halves.
+    # Alone in its interval a lift may be anywhere, but one that fills it is spread evenly over both halves.
     doubt[moved] = np.where(before == after, 0.5 * (1.0 - lasts / step), 0.0)
     share = np.where(before == after, 0.5, np.where(before, 0.0, 1.0))
     begin = t[moved] + share * (step - lasts)
-    time = np.stack([begin, begin + lasts], axis=1).ravel()
-    knots = np.stack([height[moved], height[moved + 1]], axis=1).ravel()
-    return Forks(np.append(t[0], time), np.append(height[0], knots), doubt)
+    ends = np.column_stack([begin, begin + lasts])
+    heights = np.column_stack([height[moved], height[moved + 1]])
+    return Forks(np.append(t[0], ends), np.append(height[0], heights), doubt)
 
 
 def _usual(rate: Floats) -> float:
@@ -89,26 +83,22 @@ def _jitter(height: Floats) -> float:
 def measured_power(trajectory: Trajectory) -> Floats:
     """(N,) battery power [W]: measured, else voltage times current, else NaN."""
     power = trajectory.floats("battery_power")
-    if "battery_voltage" not in trajectory or "battery_current" not in trajectory:
-        return power
     product = trajectory.floats("battery_voltage") * trajectory.floats("battery_current")
     return np.where(np.isfinite(power), power, product)
 
 
-def slope_from_height(coordinate: Floats, z: Floats, breaks: NDArray[np.bool_]) -> Floats:
+def slope_from_height(coordinate: Floats, z: Floats, breaks: Flags) -> Floats:
     """(N,) slope angle [rad] from measured heights over the path coordinate; 0 where there are none.
 
-    A straight line fitted to the heights within half a window before and after each row; the window is as
-    long as it takes for the noise of the heights to leave the slope good to about half a per cent, at least
-    10 m.
+    A straight line fitted to the heights within half a window before and after each row; the window is so
+    long that the noise of the heights leaves the slope good to about half a per cent, at least 10 m.
     """
     known, chain, out = np.isfinite(z), np.cumsum(breaks), np.zeros(len(z))
     for c in np.unique(chain[known]):
         there = chain == c
         s, heights = coordinate[there & known], z[there & known]
         if len(s) >= 5:
-            # A receiver often repeats a height for many rows of a faster log: between the known ones the
-            # slope goes over.
+            # A receiver often repeats a height for many rows of a faster log: there the slope goes over.
             out[there] = np.interp(coordinate[there], s, _running_slope(s, heights))
     return out
 

@@ -3,39 +3,31 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.physics.motion.reconstruction import Reconstruction
+from fleetlog.physics.motion.rows import Flags
 from fleetlog.physics.power import Physics, allowed_speed
 
 STEP = 0.5  # Between the nodes of a leg, at most [m]
 BRIEFEST = 0.5  # A shorter standstill is the doubt about a slow moment, not a stop [s]
 SHORTEST = 0.5  # A shorter leg is the doubt about a standstill [m]
+SLOWEST = 0.05  # Speed that every limit leaves [m/s]
 
 
 @dataclass(frozen=True)
 class Leg:
-    """N nodes along a path.
+    """N nodes along a path."""
 
-    Attributes
-    ----------
-    distance : (N,) from the first node [m], growing.
-    path : (N,) the motion there: ``time`` [s] and ``speed`` as they were driven; ``dt`` is nothing here.
-    row : (N,) row of the log at each node.
-    wait : seconds of standing at the last node; NaN where the log does not show the end of it.
-    whole : whether the truck stood before and after, and the log was never silent between.
-    stops : node index to seconds of standing there on the way, where legs were joined.
-    """
-
-    distance: Floats
-    path: Motion
-    row: Ints
-    wait: float
-    whole: bool
-    stops: dict[int, float]
+    distance: Floats  # (N,) from the first node [m], growing
+    path: Motion  # (N,) with ``time`` [s] and ``speed`` as they were driven; ``dt`` is nothing here
+    row: Ints  # (N,) of the log at each node
+    wait: float  # Seconds of standing at the last node; NaN where the log does not show the end of it
+    whole: bool  # Whether the truck stood before and after, and the log was never silent between
+    stops: dict[int, float]  # Node to seconds of standing there on the way, where legs were joined
 
     @property
     def trip(self) -> int:
@@ -50,34 +42,27 @@ class Leg:
     def at(self, s: Floats) -> Motion:
         """Place and shape of the path at (M,) distances; standing."""
         near = np.clip(np.searchsorted(self.distance, s, side="right") - 1, 0, len(self.distance) - 1)
-        out = self.path[near]
+        ahead = np.clip(s, 0.0, self.distance[-1]) - self.distance[near]
+        return _resampled(self.path, near, s, self.distance, ahead)
 
-        def along(values: Floats) -> Floats:
-            return np.asarray(np.interp(s, self.distance, values))
 
-        ahead = np.where(out.edge >= 0, np.clip(s, 0.0, self.distance[-1]) - self.distance[near], 0.0)
-        return out.replaced(
-            x=along(self.path.x), y=along(self.path.y), heading=along(np.unwrap(self.path.heading)),
-            curvature=along(self.path.curvature), edge_offset=out.edge_offset + ahead,
-        )  # fmt: skip
+def _resampled(path: Motion, near: Ints, s: Floats, knots: Floats, ahead: Floats) -> Motion:
+    """A path at (M,) distances: its samples ``near``, their places interpolated between the (N,) ``knots``
+    and moved ``ahead`` on their edges [m]."""
+    shape = {name: np.interp(s, knots, getattr(path, name)) for name in ("x", "y", "curvature")}
+    shape["heading"] = np.interp(s, knots, np.unwrap(path.heading))
+    offset = path.edge_offset[near] + np.where(path.edge[near] >= 0, ahead, 0.0)
+    return path[near].replaced(**shape, edge_offset=np.maximum(offset, 0.0))
 
 
 @dataclass(frozen=True)
 class SpeedProfile:
-    """Speed and time along a path.
+    """Speed and time at the (N,) nodes of a path."""
 
-    Attributes
-    ----------
-    distance : (N,) nodes along the path [m], growing.
-    speed : (N,) [m/s] at the nodes; its square is linear in between.
-    time : (N,) arrival [s] after setting off at node 0;  wait : (N,) [s] standing at the node before
-        going on.
-    """
-
-    distance: Floats
-    speed: Floats
-    time: Floats
-    wait: Floats
+    distance: Floats  # Along the path [m], growing
+    speed: Floats  # [m/s]; its square is linear in between
+    time: Floats  # Arrival [s] after setting off at node 0
+    wait: Floats  # Standing before going on [s]
 
     @property
     def duration(self) -> float:
@@ -126,7 +111,7 @@ def legs(found: Reconstruction) -> list[Leg]:
     return [leg for leg in out if leg is not None]
 
 
-def _changes(moving: NDArray[np.bool_], gap: NDArray[np.bool_]) -> Ints:
+def _changes(moving: Flags, gap: Flags) -> Ints:
     """Where driving, standing or another stretch begins."""
     return np.flatnonzero(np.append(True, (moving[1:] != moving[:-1]) | gap[1:]))
 
@@ -143,16 +128,10 @@ def _leg(found: Reconstruction, samples: slice, wait: float, whole: bool) -> Leg
     s = np.linspace(0.0, length, n)
     middle = 0.5 * (ends[1:] + ends[:-1])
     near = np.minimum(np.searchsorted(ends[1:], s), len(m) - 1)
-    ahead = np.where(m.edge[near] >= 0, s - middle[near], 0.0)
-
-    def along(values: Floats) -> Floats:
-        return np.asarray(np.interp(s, middle + 1e-9 * np.arange(len(m)), values))
-
-    path = m[near].replaced(
-        time=np.interp(s, ends + 1e-9 * np.arange(len(ends)), clock), dt=np.zeros(n), speed=along(m.speed),
-        curvature=along(m.curvature), heading=along(np.unwrap(m.heading)), slope=along(m.slope),
-        x=along(m.x), y=along(m.y),
-        edge_offset=np.maximum(m.edge_offset[near] + ahead, 0.0), acceleration=np.zeros(n),
+    knots = middle + 1e-9 * np.arange(len(m))
+    path = _resampled(m, near, s, knots, s - middle[near]).replaced(
+        time=np.interp(s, ends + 1e-9 * np.arange(len(ends)), clock), dt=np.zeros(n),
+        speed=np.interp(s, knots, m.speed), slope=np.interp(s, knots, m.slope), acceleration=np.zeros(n),
         lift_speed=np.zeros(n),
     )  # fmt: skip
     return Leg(s, path, found.row[samples][near], wait, whole, {})
@@ -176,21 +155,13 @@ def joined(parts: list[Leg]) -> Leg:
 
 
 def speed_limits(site: Site, path: Motion) -> Floats:
-    """(N,) limit [m/s] of roads and zones along a path, inf where there is none.
-
-    Where two roads meet the lower one holds.
-    """
+    """(N,) limit [m/s] of roads and zones along a path, inf for none; where roads meet the lower holds."""
     limit = np.full(len(path), np.inf)
     if site.network is not None:
         signs = site.network.speed_limit
-        limit = np.where(
-            path.edge >= 0, np.where(np.isfinite(signs), signs, np.inf)[np.maximum(path.edge, 0)], np.inf
-        )
+        limit = np.append(np.where(np.isfinite(signs), signs, np.inf), np.inf)[path.edge]  # -1 is the last
         limit = np.minimum(limit, np.append(limit[:1], limit[:-1]))
-    for zone in site.zones:
-        if np.isfinite(zone.speed_limit):
-            limit = np.where(zone.contains(path.x, path.y), np.minimum(limit, zone.speed_limit), limit)
-    return limit
+    return np.asarray(np.minimum(limit, site.zone_limit(path.x, path.y)))
 
 
 def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
@@ -203,27 +174,33 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
     (Bobrow, Dubowsky and Gibson 1985).  Gathering speed is limited by max_power at the wheel less rolling
     and slope; braking is not.
     """
-    from fleetlog.physics.motion.kernels.profile import clock, passes
-
-    truck, path = physics.actual_truck(), leg.path
-    drive, wait = truck.drive, np.zeros(len(path))
-    allowed = np.minimum(limit * drive.speed_factor, drive.max_speed)
-    cap = np.maximum(allowed_speed(path.replaced(speed=allowed), physics), 0.05)
-    cap = np.minimum(cap, drive.max_speed)
-    stops = dict(leg.stops)
+    path, rest, wait = leg.path.replaced(speed=limit), np.zeros(len(limit), bool), np.zeros(len(limit))
+    for node, seconds in leg.stops.items():
+        rest[node], wait[node] = True, seconds
     if "waiting" in physics.fields and "waiting" not in physics.off:
-        stops.update(waits(physics.fields["waiting"].along(path, 0.0)))
-    for node, seconds in stops.items():
-        cap[node], wait[node] = 0.0, seconds
-    cap[[0, -1]] = 0.0
+        # In the middle of every stretch with a waiting time.
+        stands = physics.fields["waiting"].along(path, 0.0)
+        first, end = np.flatnonzero(np.diff(stands > 0.0, prepend=False, append=False)).reshape(-1, 2).T
+        middle = (first + end - 1) // 2
+        rest[middle], wait[middle] = True, stands[middle]
+    rest[[0, -1]] = True
+    speed, time, _ = quickest(leg.distance, path, physics, rest, wait)
+    return SpeedProfile(leg.distance, speed, time, wait)
+
+
+def quickest(
+    distance: Floats, path: Motion, physics: Physics, rest: Flags, wait: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """(N,) speeds [m/s], arrival times [s] and the speeds that are allowed on a path, where ``path.speed`` is
+    the limit; a truck stops where it is at ``rest``, and stands for ``wait`` [s]."""
+    from fleetlog.physics.kernels import clock, passes
+
+    truck = physics.actual_truck()
+    drive = truck.drive
+    allowed = np.minimum(path.speed * drive.speed_factor, drive.max_speed)
+    cap = np.clip(allowed_speed(path.replaced(speed=allowed), physics), SLOWEST, drive.max_speed)
     up, down = drive.max_acceleration, drive.max_deceleration
-    mass, rolling = truck.chassis.mass + path.payload, truck.resistance.rolling
-    speed = passes(leg.distance, cap, path.slope, mass, up, down, drive.max_power, rolling)
-    return SpeedProfile(leg.distance, speed, clock(leg.distance, speed, wait, up, down), wait)
-
-
-def waits(seconds: Floats) -> dict[int, float]:
-    """Node in the middle of every stretch with a waiting time, and that time [s]."""
-    on = np.concatenate([[False], seconds > 0.0, [False]])
-    edges = np.flatnonzero(np.diff(on.astype(np.int8))).reshape(-1, 2)
-    return {int((a + b - 1) // 2): float(seconds[(a + b - 1) // 2]) for a, b in edges}
+    mass, slope = truck.chassis.mass + path.payload.astype(float), path.slope.astype(float)
+    most = np.where(rest, 0.0, cap).astype(float)
+    speed = passes(distance, most, slope, mass, up, down, drive.max_power, truck.resistance.rolling)
+    return speed, clock(distance, speed, wait, up, down), cap

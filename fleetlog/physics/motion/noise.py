@@ -7,22 +7,22 @@ innovations), found by a pattern search over their logarithms on a sample of row
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.physics.motion.rows import Codes, Flags
 
 SAMPLE = 12_000  # Rows on which the noise is measured, in up to six runs
-PERSISTENCE = 3.0
-"""An acceleration lasts as long as a truck takes to gather speed [s]: the jerk is the same at every rate."""
+PERSISTENCE = 3.0  # Of an acceleration: as long as a truck gathers speed [s]; the jerk is that of any rate
 COARSE = 0.5  # Of a denser log so much is enough to see how strong the jerk is [s]
-ROUNDS = 3
-"""Of expectation and maximisation for the jerk's strength: a fourth changes no energy by a thousandth."""
+ROUNDS = 3  # To find the jerk's strength: a fourth changes no energy by a thousandth
 ENCODER = 0.03  # Noise of a usual speed channel, 1 % of a truck's speed [m/s]
-PATH = 1.0
-"""The way through a corner is known to about this [m], whatever the positions: speed knows better ..."""
-SELDOM = 2.0  # ... where its rows are closer than this [s].
+PATH = 1.0  # The way through a corner is known to about this, whatever the positions; speed knows better [m]
+SELDOM = 2.0  # ... where its rows are closer than this [s]
 NORMAL_QUARTER = 0.3186  # A quarter of normal variables are no larger than this many standard deviations
 BENDS = 0.03  # A mean speed is off that of the middle of its step by so much a second of it [m/s2]
 BOUNDS = {"jerk": (1e-4, 30.0), "position": (0.003, 30.0), "speed": (0.003, 2.0)}
@@ -37,15 +37,14 @@ class Noise:
     speed: float = 0.1
 
 
-@dataclass(frozen=True)
-class Observed:
+class Observed(NamedTuple):
     """What the filter sees: time [s], way [m] and speed [m/s] (NaN unknown), rest, how rows follow."""
 
     t: Floats
     seen: Floats
     speed: Floats
-    rest: NDArray[np.bool_]
-    link: NDArray[np.uint8]
+    rest: Flags
+    link: Codes
 
     def sample(self, rows: int) -> Observed:
         """Some runs of rows, each after a break."""
@@ -58,10 +57,8 @@ class Observed:
         return part
 
     def at(self, moments: Floats) -> tuple[Observed, Ints]:
-        """With further moments between its own, in each of which nothing is seen; and the index of each.
-
-        Between two rows at rest the truck rests.
-        """
+        """With further moments between its own, in which nothing is seen, and the index of each; between two
+        rows at rest the truck rests."""
         if np.array_equal(self.t, moments):
             return self, np.arange(len(moments))
         t, inverse = np.unique(np.append(self.t, moments), return_inverse=True)
@@ -75,14 +72,14 @@ class Observed:
     def with_mean_speed(self) -> Observed:
         """Of rows whose speed is the mean since the row before: it is that of the middle of the step."""
         joined = np.flatnonzero(self.link[1:] != 2) + 1
-        kept = replace(self, speed=np.where(self.link == 2, self.speed, np.nan))
+        kept = self._replace(speed=np.where(self.link == 2, self.speed, np.nan))
         out, middle = kept.at(0.5 * (self.t[joined] + self.t[joined - 1]))
         out.speed[middle] = self.speed[joined]
         return out
 
     def taken(self, rows: NDArray[np.intp]) -> Observed:
         """Some of the rows."""
-        return Observed(self.t[rows], self.seen[rows], self.speed[rows], self.rest[rows], self.link[rows])
+        return Observed._make(values[rows] for values in self)
 
 
 def estimate_noise(observed: Observed, start: Noise, mean_over: float = 0.0) -> Noise:
@@ -99,15 +96,26 @@ def estimate_noise(observed: Observed, start: Noise, mean_over: float = 0.0) -> 
     noise, bounds = replace(start, speed=max(speed_noise(sample), BENDS * mean_over)), BOUNDS
     if np.isfinite(sample.speed).mean() > 0.9 and np.median(np.diff(sample.t)) < SELDOM:
         noise, bounds = replace(noise, position=PATH), {**BOUNDS, "position": (PATH, BOUNDS["position"][1])}
-    best = _likelihood(sample, noise)
+
+    def likelihood(of: Noise) -> float:
+        return _filtered(sample, of, np.full(len(sample.t), of.jerk), 0)[0]
+
+    best = likelihood(noise)
     for factor in (8.0, 3.0, 1.7, 1.3):
         for _ in range(4):
             before = best
-            for name in names:
-                best, noise = _line(sample, noise, name, factor, best, bounds[name])
+            for name, step in product(names, (factor, 1.0 / factor)):
+                while (trial := _stepped(noise, name, step, bounds)) != noise:
+                    if not (new := likelihood(trial)) > best:
+                        break
+                    best, noise = new, trial
             if best <= before + 1e-6:
                 break
     return noise
+
+
+def _stepped(noise: Noise, name: str, factor: float, bounds: dict[str, tuple[float, float]]) -> Noise:
+    return replace(noise, **{name: float(np.clip(getattr(noise, name) * factor, *bounds[name]))})
 
 
 def speed_noise(o: Observed) -> float:
@@ -125,51 +133,32 @@ def speed_noise(o: Observed) -> float:
     return float(np.clip(usual / np.sqrt(20.0), *BOUNDS["speed"]))
 
 
-def _line(
-    sample: Observed, noise: Noise, name: str, factor: float, best: float, bounds: tuple[float, float]
-) -> tuple[float, Noise]:
-    for step in (factor, 1.0 / factor):
-        while True:
-            value = float(np.clip(getattr(noise, name) * step, *bounds))
-            trial = replace(noise, **{name: value})
-            likelihood = _likelihood(sample, trial)
-            if value == getattr(noise, name) or not likelihood > best:
-                break
-            best, noise = likelihood, trial
-    return best, noise
-
-
-def _likelihood(o: Observed, noise: Noise) -> float:
-    return _filtered(o, noise, np.full(len(o.t), noise.jerk), np.empty((0, 3)), np.empty((0, 6)))
-
-
-def _filtered(o: Observed, noise: Noise, jerk: Floats, mean: Floats, cov: Floats) -> float:
-    """The logarithm of the likelihood; the filter's states where there is room for them."""
+def _filtered(o: Observed, noise: Noise, jerk: Floats, room: int) -> tuple[float, Floats, Floats]:
+    """The logarithm of the likelihood; means and covariances of the filter's states if there is room."""
     from fleetlog.physics.motion.kernels.filter import filter_forward
 
-    return float(filter_forward(
+    mean, cov = np.empty((room, 3)), np.empty((room, 6))
+    likelihood = filter_forward(
         o.t, o.seen, noise.position**2, o.speed, noise.speed**2, o.rest, o.link, jerk, 1.0 / PERSISTENCE,
         mean, cov,
-    ))  # fmt: skip
+    )  # fmt: skip
+    return likelihood, mean, cov
 
 
-@dataclass(frozen=True)
-class Smoothed:
-    """At N moments: (N, 3) way, speed, acceleration; (N, 6) ss, sv, sa, vv, va, aa; (N, 9) gains."""
+class Smoothed(NamedTuple):
+    """The states at N moments."""
 
-    mean: Floats
-    cov: Floats
-    gain: NDArray[np.float32]
+    mean: Floats  # (N, 3) way, speed, acceleration
+    cov: Floats  # (N, 6) ss, sv, sa, vv, va, aa
+    gain: NDArray[np.float32]  # (N, 9)
 
 
-def smooth(o: Observed, noise: Noise, jerk: Floats | None = None) -> Smoothed:
+def smooth(o: Observed, noise: Noise, jerk: Floats) -> Smoothed:
     """The smoothed states, and the gains of the backward pass, which tie the states of different times."""
     from fleetlog.physics.motion.kernels.filter import smooth_backward
 
-    n = len(o.t)
-    jerk = np.full(n, noise.jerk) if jerk is None else jerk
-    mean, cov, gain = np.empty((n, 3)), np.empty((n, 6)), np.zeros((n, 9), np.float32)
-    _filtered(o, noise, jerk, mean, cov)
+    _, mean, cov = _filtered(o, noise, jerk, len(o.t))
+    gain = np.zeros((len(o.t), 9), np.float32)
     smooth_backward(o.t, o.link, jerk, 1.0 / PERSISTENCE, mean, cov, gain)
     return Smoothed(mean, cov, gain)
 

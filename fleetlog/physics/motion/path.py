@@ -1,65 +1,68 @@
 """The path of a log as one coordinate.
 
-Along the matched edges with corners cut, along the smoothed positions off the map. A truck rounds every
-corner with its turning radius, gentle kinks as widely as it can within ``BOW`` of the corner; so the
-coordinate is the way of the truck, not that of the map, and its curvature is that of the arcs.
+Along the matched edges with corners cut; off the map along the track, the positions smoothed in the plane.  A
+truck rounds every corner with its turning radius, gentle kinks as widely as it can within ``BOW`` of the
+corner; so the coordinate is the way of the truck, not that of the map, and its curvature is that of the arcs.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.network import Floats, Index, Network
-from fleetlog.physics.motion.plane import Plane, mean_curvature
-from fleetlog.physics.motion.rows import Rows
-
-Flags = NDArray[np.bool_]
+from fleetlog.physics.motion.noise import Noise, Observed, estimate_noise, smooth
+from fleetlog.physics.motion.rows import Codes, Flags, Rows
 
 RADIUS = 2.5  # Of a corner [m], where no truck says otherwise
-BOW = 0.1
-"""A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
-STEERING = 0.85  # Half the length over which the wheel is turned [m]: curvature is a mean over it
+BOW = 0.1  # A gentle kink is rounded as widely as the curve stays this close to the corner [m]
 SHARPEST = 3.0  # A sharper angle is a turn on the spot, not a bend [rad]
-MOST_ALONG = 10.0
-"""A position farther than this along the edge from its place there does not correct the place [m]."""
+MOST_ALONG = 10.0  # A position farther along the edge from its place there does not correct it [m]
+BACK = 5.0  # A match may go back so far on its edge without leaving it [m]
+HELD = 0.2  # Below this speed noisy positions have no direction: the last one holds [m/s]
 
 
-@dataclass(frozen=True)
-class Visits:
-    """V stays on one edge each, in order.
+class Track(NamedTuple):
+    """The track off the map at the rows, (rows,) each."""
 
-    ``edge`` (-1 off the map), map coordinate of its start ``origin`` [m], ``length`` [m]; ``joined``,
-    whether it was entered from the visit before, not by a jump.
-    """
-
-    edge: Index
-    origin: Floats
-    length: Floats
-    joined: Flags
+    way: Floats  # Along the smooth curve [m]
+    ahead: Floats  # How far the position lies ahead of it [m]
+    heading: Floats  # [rad], unwrapped
+    turned: Floats  # Angle that was driven [rad]: without what is turned at a standstill
 
 
-@dataclass(frozen=True)
-class Bends:
+class Visits(NamedTuple):
+    """V stays on one edge each, in order."""
+
+    edge: Index  # -1 off the map
+    origin: Floats  # Map coordinate of its start [m]
+    length: Floats  # [m]
+    joined: Flags  # Whether it was entered from the visit before, not by a jump
+
+
+class Bends(NamedTuple):
     """Angle turned [rad] and way driven [m] up to the knots of the map coordinate; linear between them."""
 
     knots: Floats
     turned: Floats
     driven: Floats
 
-    def way(self, place: Floats) -> Floats:
-        """Way driven up to a map coordinate [m]."""
-        return _along(place, self.knots, self.driven)
 
-    def place(self, way: Floats) -> Floats:
-        """Map coordinate of a way driven [m]."""
-        return _along(way, self.driven, self.knots)
+class Path(NamedTuple):
+    """The way driven as the positions of the rows show it; its visits and bends."""
 
-    def curvature(self, way: Floats, half: Floats) -> Floats:
-        """Mean curvature of the way from ``half`` m before to ``half`` m after [1/m], left positive."""
-        return mean_curvature(way, half, self.driven, self.turned)
+    seen: Floats  # (rows,) [m], NaN: not seen
+    link: Codes  # (rows,) that of the rows, with the jumps of the way
+    visits: Visits
+    bends: Bends
+
+    def on_map(self, way: Floats) -> tuple[Index, Floats]:
+        """(n,) edge, -1 off the map, and offset on it [m] of (n,) ways driven."""
+        place, v = _along(way, self.bends.driven, self.bends.knots), self.visits
+        k = np.maximum(np.searchsorted(v.origin, place, side="right") - 1, 0)
+        return v.edge[k], np.clip(place - v.origin[k], 0.0, np.where(v.edge[k] >= 0, v.length[k], np.inf))
 
 
+OFF_MAP = Visits(np.full(1, -1, np.int32), np.zeros(1), np.zeros(1), np.zeros(1, bool))
 STRAIGHT = Bends(np.zeros(1), np.zeros(1), np.zeros(1))
 
 
@@ -69,56 +72,63 @@ def _along(at: Floats, knots: Floats, values: Floats) -> Floats:
     return np.asarray(np.interp(inside, knots, values) + (at - inside))
 
 
-@dataclass(frozen=True)
-class Path:
-    """The way driven as the positions of the rows show it, ``seen`` (rows,) [m] (NaN: not seen).
-
-    ``visits`` and ``bends`` are those of the whole way.
-    """
-
-    seen: Floats
-    visits: Visits
-    bends: Bends
-
-    def on_map(self, way: Floats) -> tuple[Index, Floats]:
-        """(n,) edge, -1 off the map, and offset on it [m] of (n,) ways driven."""
-        place, v = self.bends.place(way), self.visits
-        k = np.maximum(np.searchsorted(v.origin, place, side="right") - 1, 0)
-        return v.edge[k], np.clip(place - v.origin[k], 0.0, np.where(v.edge[k] >= 0, v.length[k], np.inf))
+def mean_curvature(way: Floats, half: Floats, driven: Floats, turned: Floats) -> Floats:
+    """Mean over a way from ``half`` m before to ``half`` m after its places [1/m], left positive."""
+    low, high = (np.interp(way + side * half, driven, turned) for side in (-1.0, 1.0))
+    return np.asarray((high - low) / (2.0 * half))
 
 
-def follow(
-    network: Network | None, rows: Rows, plane: Plane | None, link: NDArray[np.uint8], radius: float
-) -> Path:
-    """The path of some rows; marks jumps in ``link``.
+def track_of(rows: Rows) -> Track:
+    """Smooth the positions in the plane; the noise is of both axes, so turning the frame changes nothing."""
+    t, rest, link, nan = rows.t, rows.rest, rows.link, np.full(len(rows.t), np.nan)
+    x, y = (np.where(rows.fresh, v, np.nan) for v in (rows.x, rows.y))
+    both = Observed(np.tile(t, 2), np.append(x, y), np.tile(nan, 2), np.tile(rest, 2), np.tile(link, 2))
+    noise = estimate_noise(both, Noise(jerk=0.3, position=0.5))
+    jerk = np.full(len(t), noise.jerk)
+    mx, my = (smooth(Observed(t, v, nan, rest, link), noise, jerk).mean for v in (x, y))
+    pace, h = np.hypot(mx[:, 1], my[:, 1]), np.diff(t)
+    heading = _held_heading(mx[:, 1], my[:, 1], pace > HELD)
+    # The length of the cubic from row to row, by Simpson's rule over its speed.
+    middle = (1.5 * np.diff(m[:, 0]) - 0.25 * h * (m[1:, 1] + m[:-1, 1]) for m in (mx, my))
+    step = np.append(0.0, (h * (pace[1:] + pace[:-1]) + 4.0 * np.hypot(*middle)) / 6.0)
+    step[rows.breaks] = 0.0
+    ahead = (x - mx[:, 0]) * np.cos(heading) + (y - my[:, 0]) * np.sin(heading)
+    slow = rest | (pace < HELD)
+    turn = np.where(slow[1:] | slow[:-1] | rows.breaks[1:], 0.0, np.diff(heading))
+    return Track(np.cumsum(step), ahead, heading, np.append(0.0, np.cumsum(turn)))
 
-    The matching has smoothed the offsets: what a position says beyond them is added back.
-    """
-    from fleetlog.physics.motion.kernels.way import path_coordinate
+
+def _held_heading(vx: Floats, vy: Floats, moves: Flags) -> Floats:
+    """Direction of motion, unwrapped; at a standstill that of the last motion, at first that of the next."""
+    moving = np.flatnonzero(moves)
+    if not len(moving):
+        return np.zeros(len(vx))
+    last = np.maximum(np.searchsorted(moving, np.arange(len(vx)), side="right") - 1, 0)
+    return np.asarray(np.unwrap(np.arctan2(vy, vx)[moving])[last])
+
+
+def follow(network: Network | None, rows: Rows, track: Track | None, radius: float) -> Path:
+    """The path of some rows; the matching smoothed the offsets: what positions say beyond is added back."""
+    from fleetlog.physics.motion.kernels.way import on_edges, path_coordinate
 
     edge, offset, x, y = rows.edge, rows.offset, rows.x, rows.y
-    step = np.zeros(len(x)) if plane is None else np.diff(plane.way, prepend=plane.way[:1])
-    visits = Visits(np.full(1, -1, np.int32), np.zeros(1), np.zeros(1), np.zeros(1, bool))
-    place, ahead = np.cumsum(step), np.zeros(len(x))
+    off, link = edge < 0, rows.link.copy()
+    step = np.zeros(len(x)) if track is None else np.diff(track.way, prepend=track.way[:1])
+    visits, bends, place, ahead = OFF_MAP, STRAIGHT, np.cumsum(step), np.zeros(len(x))
     if network is not None:
         visits = Visits(*path_coordinate(
             edge, offset, x, y, step, network.next_first, network.next_edges, network.length,
-            network.reverse, 5.0, link, place,
+            network.reverse, BACK, link, place,
         ))  # fmt: skip
-        ahead = edge_shape(network, edge, offset, x, y)[2]
+        bends = _rounded(network, visits, np.sort(place[rows.rest & ~off]), radius)
+        ahead = on_edges(edge, offset, x, y, network.points, network.first, network.distance)[2]
         ahead[np.abs(ahead) > MOST_ALONG] = 0.0
-    off = edge < 0
-    if plane is not None:
-        ahead = np.where(off, plane.ahead, ahead)
-    bends = _rounded(network, visits, np.sort(place[rows.rest & ~off]), radius)
-    seen = bends.way(place) + ahead
-    return Path(np.where(off & (plane is None), np.nan, seen), visits, bends)
+    ahead = np.where(off, np.nan if track is None else track.ahead, ahead)
+    return Path(_along(place, bends.knots, bends.driven) + ahead, link, visits, bends)
 
 
-def _rounded(network: Network | None, visits: Visits, stood: Floats, radius: float) -> Bends:
+def _rounded(network: Network, visits: Visits, stood: Floats, radius: float) -> Bends:
     """The bends of all visits as arcs; a truck that ``stood`` (places in order) at a junction drove none."""
-    if network is None or not (visits.edge >= 0).any():
-        return STRAIGHT
     where, angle, leg, join = _vertices(network, visits)
     size = np.minimum(np.abs(angle), 2.8)
     reach = np.maximum(radius * np.tan(size / 2.0), BOW / np.tan(np.maximum(size, 1e-6) / 4.0))
@@ -126,6 +136,8 @@ def _rounded(network: Network | None, visits: Visits, stood: Floats, radius: flo
     near = np.maximum(reach, 1.0)
     halted = join & (np.searchsorted(stood, where - near) < np.searchsorted(stood, where + near))
     real = (np.abs(angle) > 1e-6) & (np.abs(angle) < SHARPEST) & ~halted
+    if not real.any():
+        return STRAIGHT
     where, angle, size, reach = where[real], angle[real], size[real], reach[real]
     saved = 1.0 - np.maximum(0.5 * size / np.tan(0.5 * size), 0.4)
     knots = np.concatenate([where - reach, where + reach])
@@ -136,39 +148,29 @@ def _rounded(network: Network | None, visits: Visits, stood: Floats, radius: flo
         np.cumsum(np.append(0.0, np.cumsum(np.concatenate([rate, -rate])[order])[:-1]) * span)
         for rate in (angle / (2.0 * reach), saved)
     )
-    if not len(knots):
-        return STRAIGHT
-    driven = np.maximum.accumulate(knots - np.minimum(lost, knots - knots[0]))
-    return Bends(knots, turned, driven)
+    return Bends(knots, turned, np.maximum.accumulate(knots - np.minimum(lost, knots - knots[0])))
 
 
 def _vertices(network: Network, v: Visits) -> tuple[Floats, Floats, Floats, Flags]:
     """Map coordinate, angle [rad] and shorter leg [m] of every corner passed; whether between edges."""
     on = np.flatnonzero(v.edge >= 0)
-    e = v.edge[on]
-    inner = np.maximum(network.first[e + 1] - network.first[e] - 2, 0)
-    visit = np.repeat(np.arange(len(e)), inner)
-    k = network.first[e][visit] + 1 + np.arange(len(visit)) - np.repeat(np.cumsum(inner) - inner, inner)
-    p, d = network.points, network.distance
-    angle = _between(p[k] - p[k - 1], p[k + 1] - p[k])
-    leg = np.minimum(d[k] - d[k - 1], d[k + 1] - d[k])
+    first, p, d = network.first, network.points, network.distance
+    inner = np.maximum(np.diff(first)[v.edge[on]] - 2, 0)
+    visit = np.repeat(on, inner)
+    k = first[v.edge[visit]] + 1 + np.arange(len(visit)) - np.repeat(np.cumsum(inner) - inner, inner)
     joins = on[v.joined[on]]
-    last, begin = network.first[v.edge[joins - 1] + 1] - 1, network.first[v.edge[joins]]
-    turn = _between(p[last] - p[last - 1], p[begin + 1] - p[begin])
-    near = np.minimum(d[last] - d[last - 1], d[begin + 1])
-    return (
-        np.concatenate([v.origin[on][visit] + d[k], v.origin[joins]]), np.concatenate([angle, turn]),
-        np.concatenate([leg, near]), np.arange(len(k) + len(joins)) >= len(k),
-    )  # fmt: skip
+    last, begin = first[v.edge[joins - 1] + 1] - 1, first[v.edge[joins]]
+    # The vertices before, at and after the corner.
+    before, at = np.append(k - 1, last - 1), np.append(k, last)
+    on_from, after = np.append(k, begin), np.append(k + 1, begin + 1)
+    a, b = (p[at] - p[before])[:, :2].T, (p[after] - p[on_from])[:, :2].T
+    angle = np.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])  # Left positive
+    leg = np.minimum(d[at] - d[before], d[after] - d[on_from])
+    where = np.append(v.origin[visit] + d[k], v.origin[joins])
+    return where, angle, leg, np.arange(len(where)) >= len(k)
 
 
-def _between(a: Floats, b: Floats) -> Floats:
-    """Angle from direction a to direction b, (n,), left positive."""
-    cross, dot = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
-    return np.asarray(np.arctan2(cross, dot))
-
-
-def by_second(t: Floats, seen: Floats, link: NDArray[np.uint8]) -> Floats:
+def by_second(t: Floats, seen: Floats, link: Codes) -> Floats:
     """(N,) positions along the path as one mean a second: the errors last so long."""
     known = np.flatnonzero(np.isfinite(seen))
     if not len(known):
@@ -183,14 +185,3 @@ def by_second(t: Floats, seen: Floats, link: NDArray[np.uint8]) -> Floats:
     out = np.full(len(seen), np.nan)
     out[middle] = mean + pace * (t[middle] - mean_t)
     return out
-
-
-def edge_shape(
-    network: Network, edge: Index, offset: Floats, x: Floats, y: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Heading and slope of the edge [rad] at places on it, how far ahead (x, y) lies [m]; 0 off the map."""
-    from fleetlog.physics.motion.kernels.way import on_edges
-
-    ahead, heading, slope = np.zeros((3, len(edge)))
-    on_edges(edge, offset, x, y, network.points, network.first, network.distance, ahead, heading, slope)
-    return heading, slope, ahead

@@ -18,48 +18,35 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.core.truck import Truck
-from fleetlog.physics.motion.assemble import assembled
 from fleetlog.physics.motion.channels import forks
-from fleetlog.physics.motion.grid import quiet_rows, row_spans, sample_grid
 from fleetlog.physics.motion.noise import Noise, Observed, Smoothed, estimate_noise, jerk_strength, smooth
-from fleetlog.physics.motion.path import RADIUS, by_second, follow
-from fleetlog.physics.motion.plane import plane_track
-from fleetlog.physics.motion.rows import STANDING, against_odometer, read_rows, speed_is_mean
+from fleetlog.physics.motion.path import RADIUS, by_second, follow, track_of
+from fleetlog.physics.motion.rows import STANDING, Flags, against_odometer, read_rows, speed_is_mean
+from fleetlog.physics.motion.samples import assembled, row_spans, sample_grid
 
 Numbers = NDArray[np.int32] | Ints
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Reconstruction:
     """The motion in a log of N rows, as n samples fine enough for a model of power, and how well it is known.
 
-    Attributes
-    ----------
-    motion : of the samples, none longer than 0.25 s while the truck moves.  Its accelerations lie
-        above and below what is likeliest in turn (:attr:`likeliest`), so that a sum of power over samples is
-        its expectation.
-    row : (n,) row that each sample belongs to, growing.
-    dt_row : (N,) seconds that each row stands for; 0 across gaps.
-    speed_sd, acceleration_sd : (n,) standard deviations [m/s], [m/s2].
-    standing : (n,) whether the truck stands: slower than ``STANDING``, by what the whole log says.
-    noise : what was measured of the channels.
-    node, states : place of the samples among the smoothed states, and those.
-    interval, lift_doubt : (n,) between which rows a sample lies, and share of a lift there that may be
-        in either half.
+    No sample is longer than 0.25 s while the truck moves.  The accelerations of ``motion`` lie above and
+    below what is likeliest in turn (:attr:`likeliest`), so that a sum of power over samples is its
+    expectation.
     """
 
     motion: Motion
-    row: Ints
-    dt_row: Floats
-    speed_sd: Floats
-    acceleration_sd: Floats
-    standing: Flags
-    noise: Noise
-    node: Ints
-    states: Smoothed
-    interval: Ints
-    lift_doubt: Floats
+    row: Ints  # (n,) that each sample belongs to, growing
+    dt_row: Floats  # (N,) seconds that each row stands for; 0 across gaps
+    speed_sd: Floats  # (n,) standard deviation [m/s]
+    acceleration_sd: Floats  # (n,) standard deviation [m/s2]
+    standing: Flags  # (n,) whether the truck is slower than ``STANDING``, by what the whole log says
+    noise: Noise  # What was measured of the channels
+    node: Ints  # (n,) place of the samples among ...
+    states: Smoothed  # ... the smoothed states
+    interval: Ints  # (n,) between which rows a sample lies
+    lift_doubt: Floats  # (N - 1,) share of a lift there that may lie in either half
 
     def rows(self, values: Floats) -> Floats:
         """(N,) sums over the samples of each row."""
@@ -67,10 +54,8 @@ class Reconstruction:
 
     @property
     def likeliest(self) -> Motion:
-        """The motion without the spread of its accelerations.
-
-        What power costs less on it is what sampling hides: no noise that averages out.
-        """
+        """The motion without the spread of its accelerations: what power costs less on it is what sampling
+        hides, no noise that averages out."""
         mean = np.where(self.standing, 0.0, self.states.mean[self.node, 2])
         return self.motion.replaced(acceleration=mean)
 
@@ -140,19 +125,18 @@ def reconstruct(
     if not len(trajectory):
         return _nothing(noise or Noise())
     rows = read_rows(trajectory, network, scale)
-    breaks, link = rows.link == 2, rows.link.copy()
-    plane = plane_track(rows) if trajectory.has("x") and (rows.edge < 0).any() else None
-    path = follow(network, rows, plane, link, RADIUS if truck is None else truck.chassis.turn_radius)
-    longer, lost = against_odometer(rows, path.seen, link != 0)
-    link[lost & (link == 0)] = 1
-    seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), link)
-    observed = Observed(rows.t, seen, rows.speed, rows.rest, link)
+    track = track_of(rows) if trajectory.has("x") and (rows.edge < 0).any() else None
+    path = follow(network, rows, track, RADIUS if truck is None else truck.chassis.turn_radius)
+    longer, lost = against_odometer(rows, path.seen, path.link != 0)
+    path.link[lost & (path.link == 0)] = 1
+    seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), path.link)
+    observed = Observed(rows.t, seen, rows.speed, rows.rest, path.link)
     mean_over = 0.0
     if speed_is_mean(rows, path.seen):
         observed, mean_over = observed.with_mean_speed(), float(np.median(np.diff(rows.t)))
     noise = noise or estimate_noise(observed, Noise(), mean_over)
     mast = forks(rows.t, trajectory)
-    grid = sample_grid(rows.t, breaks, quiet_rows(rows.rest, breaks, mast.at(rows.t)), lag)
+    grid = sample_grid(rows, mast.at(rows.t), lag)
     nodes, node = observed.at(grid.moment)
     jerk = jerk_strength(observed, noise)[np.searchsorted(observed.t, nodes.t)]
     states = smooth(nodes, noise, jerk)
@@ -164,14 +148,13 @@ def reconstruct(
     speed = np.where(standing, 0.0, speed)
     acceleration = np.where(standing, 0.0, acceleration + _spread(acceleration_sd))
     motion = assembled(
-        trajectory, network, rows, path, plane, mast, grid, way * longer, speed, acceleration,
+        trajectory, network, rows, path, track, mast, grid, way * longer, speed, acceleration,
         load_lags=load_lags,
     )  # fmt: skip
-    before, after = row_spans(rows.t, breaks)
     interval = grid.row + (grid.time > rows.t[grid.row])
     return Reconstruction(
-        motion, grid.row, before + after, speed_sd, acceleration_sd, standing, noise, node, states, interval,
-        mast.doubt,
+        motion, grid.row, np.add(*row_spans(rows)), speed_sd, acceleration_sd, standing, noise, node, states,
+        interval, mast.doubt,
     )  # fmt: skip
 
 
@@ -184,11 +167,10 @@ def _nothing(noise: Noise) -> Reconstruction:
 
 
 def _spread(deviation: Floats) -> Floats:
-    """(n,) up and down by the mean size of a normal of this deviation, so that a row keeps its mean.
+    """(n,) up and down by the mean size of a normal of this deviation, so that a row keeps its mean: of its
+    samples (large, small, small, large) the outer and the inner ones cancel.
 
-    The deviation is small at a row and large between two: of a row's samples (large, small, small, large) the
-    outer and the inner ones cancel.  Power has a kink where traction turns into braking: its expectation is
-    more than its value at the expected acceleration.
+    Power has a kink where traction turns into braking: its expectation is more than its value there.
     """
     turns = [1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0]
     return np.asarray(np.sqrt(2.0 / np.pi) * deviation * np.resize(turns, len(deviation)))

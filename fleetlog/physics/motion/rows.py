@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,11 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 
 Flags = NDArray[np.bool_]
+Codes = NDArray[np.uint8]
 
 SHORTEST_GAP = 10.0  # A silence of this and of five usual intervals ends a stretch [s]
-STANDING = 0.05
-"""Below this the log's speed is a standstill [m/s]: the creep and the noise of a speed sensor at rest."""
-UNSURE_END = 1.5
-"""Both ends of a standstill that only positions show are left to the smoother for this long [s]."""
+STANDING = 0.05  # Below this speed a truck stands [m/s]: the creep and the noise of a speed sensor at rest
+UNSURE_END = 1.5  # Of a standstill that only positions show, at either end left to the smoother [s]
 OFF_LANE = 2.0  # Farther than this from the middle of its road, and than its noise, a truck is beside it [m]
 CHANGES = 0.2  # A change of speed from row to row that shows whether it is a mean [m/s]
 LONG = 50.0  # A way over which an odometer and the map are compared [m]
@@ -27,21 +27,36 @@ MOVED = 0.5  # A position that stayed the same while the speed channel drove so 
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a log, (N,) each.
+    """The rows of a log, (N,) each."""
 
-    ``t`` [s]; ``x``, ``y`` [m], interpolated where unknown; ``fresh``, whether they were measured then;
-    ``speed`` [m/s] (NaN unknown); ``link`` 0 or 2 after a silence; ``edge`` (-1 off the map), ``offset`` [m].
-    """
-
-    t: Floats
-    x: Floats
+    t: Floats  # [s]
+    x: Floats  # [m], interpolated where unknown
     y: Floats
-    fresh: Flags
-    speed: Floats
-    link: NDArray[np.uint8]
-    edge: Index
-    offset: Floats
-    rest: Flags
+    fresh: Flags  # Whether the position was measured then
+    speed: Floats  # [m/s], NaN unknown
+    breaks: Flags  # After a silence
+    edge: Index  # -1 off the map
+    offset: Floats  # [m]
+
+    @cached_property
+    def link(self) -> Codes:
+        """How a row follows the one before: 0, or 2 after a silence."""
+        return np.where(self.breaks, 2, 0).astype(np.uint8)
+
+    @cached_property
+    def rest(self) -> Flags:
+        """Of a standstill: the speed says so, else the match put them on one spot, else positions stay."""
+        from fleetlog.physics.motion.kernels.way import stays
+
+        known = np.isfinite(self.speed)
+        rest = known & (self.speed < STANDING)
+        if known.all():
+            return rest
+        equal = (np.diff(self.edge) == 0) & (np.diff(self.offset) == 0.0) & ~self.breaks[1:]
+        same = np.append(equal, False) | np.append(False, equal)
+        noise = position_noise(self.x, self.y)
+        by_place = stays(self.t, self.x, self.y, self.link, 3.0 * noise + 0.1, max(5.0, 12.0 * noise))
+        return np.where(known, rest, _inner(self.t, np.where(self.edge >= 0, same, by_place)))
 
 
 def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajectory:
@@ -56,23 +71,26 @@ def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajec
 def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> Rows:
     """The rows of a log of one vehicle; ``scale`` is what its speed channel reads over the truth."""
     t, speed = trajectory.seconds(), trajectory.floats("speed") / scale
-    raw_x, raw_y = trajectory.floats("x"), trajectory.floats("y")
-    if not np.isfinite(raw_x).any() and not np.isfinite(speed).any():
-        raise DataError(
-            f"vehicle {trajectory.vehicle_id} has neither positions nor speeds",
-            do="map one of them in a profile",
-        )
-    link = np.zeros(len(t), np.uint8)
+    x, y, offset = (trajectory.floats(name) for name in ("x", "y", "edge_offset"))
+    if not np.isfinite(x).any() and not np.isfinite(speed).any():
+        what = f"vehicle {trajectory.vehicle_id} has neither positions nor speeds"
+        raise DataError(what, do="map one of them in a profile")
     step = np.diff(t)
-    link[1:][step > max(SHORTEST_GAP, 5.0 * float(np.median(step))) if len(step) else []] = 2
-    link[:1] = 2
-    fresh = updates(t, raw_x, raw_y, speed)
-    # Between two updates a vehicle moved along the line between them as far as its speed says.
-    driven = t if not np.isfinite(speed).any() else metres_driven(t, speed) + 1e-6 * t
-    x, y = (_filled(driven, np.where(fresh, v, np.nan)) for v in (raw_x, raw_y))
-    edge, offset = _matched(trajectory, network, position_noise(x, y))
-    rest = _standing(t, x, y, speed, edge, offset, link)
-    return Rows(t, x, y, fresh, speed, link, edge, np.nan_to_num(offset), rest)
+    breaks = np.append(True, step > max(SHORTEST_GAP, 5.0 * float(np.median(step)) if len(step) else 0.0))
+    fresh = updates(t, x, y, speed)
+    if not fresh.any():
+        x = y = np.zeros(len(t))
+    elif not fresh.all():
+        # Between two updates a vehicle moved along the line between them as far as its speed says.
+        driven = t if not np.isfinite(speed).any() else metres_driven(t, speed) + 1e-6 * t
+        x, y = (np.interp(driven, driven[fresh], v[fresh]) for v in (x, y))
+    edge = trajectory.labels("edge_id").recode({} if network is None else network.index)
+    # In a bay beside its road the positions are the path.
+    beside = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(
+        OFF_LANE, 4 * position_noise(x, y)
+    )
+    edge = np.where(np.isfinite(offset) & ~beside, edge, -1).astype(np.int32)
+    return Rows(t, x, y, fresh, speed, breaks, edge, np.nan_to_num(offset))
 
 
 def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
@@ -81,8 +99,8 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
     A position that is repeated while the speed says that the truck moved was not measured again; without a
     speed, one that is repeated no longer than twice as long as is usual in this log.
     """
-    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     fresh = np.isfinite(x) & np.isfinite(y)
+    known = np.flatnonzero(fresh)
     new = np.append(True, (np.diff(x[known]) != 0.0) | (np.diff(y[known]) != 0.0))
     if new.all():
         return fresh
@@ -90,8 +108,7 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
     way = metres_driven(t, speed)[known]
     moved = np.abs(way[np.append(np.flatnonzero(new)[1:], len(known) - 1)] - way[new])[run] > MOVED
     lasts = np.diff(np.append(t[known][new], t[known][-1]))
-    brief = (lasts <= 2.0 * np.median(lasts))[run]
-    brief &= np.median(np.bincount(run)) > 1
+    brief = (lasts <= 2.0 * np.median(lasts))[run] & (np.median(np.bincount(run)) > 1)
     fresh[known] = new | ~np.where(np.isfinite(speed[known]), moved, brief)
     return fresh
 
@@ -101,48 +118,10 @@ def metres_driven(t: Floats, speed: Floats) -> Floats:
     return np.cumsum(np.append(0.0, np.nan_to_num(0.5 * (speed[1:] + speed[:-1])) * np.diff(t)))
 
 
-def _filled(t: Floats, value: Floats) -> Floats:
-    """Unknown values interpolated; 0 where nothing is known."""
-    known = np.isfinite(value)
-    if known.all():
-        return value
-    return np.interp(t, t[known], value[known]) if known.any() else np.zeros(len(t))
-
-
-def _matched(trajectory: Trajectory, network: Network | None, noise: float) -> tuple[Index, Floats]:
-    """Edge and offset of the rows that lie on their road; in a bay beside it the positions are the path."""
-    if network is None:
-        return np.full(len(trajectory), -1, np.int32), np.full(len(trajectory), np.nan)
-    edge = trajectory.labels("edge_id").recode(network.index).astype(np.int32)
-    offset = trajectory.floats("edge_offset")
-    beside = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(OFF_LANE, 4.0 * noise)
-    return np.where(np.isfinite(offset) & ~beside, edge, -1).astype(np.int32), offset
-
-
-def _standing(
-    t: Floats, x: Floats, y: Floats, speed: Floats, edge: Index, offset: Floats,
-    link: NDArray[np.uint8]
-) -> Flags:  # fmt: skip
-    """Rows of a standstill: the speed says so, else the match put them on one spot, else positions stay."""
-    from fleetlog.physics.motion.kernels.way import stays
-
-    known = np.isfinite(speed)
-    rest = known & (speed < STANDING)
-    if known.all():
-        return rest
-    equal = (np.diff(edge) == 0) & (np.diff(offset) == 0.0) & (link[1:] != 2)
-    same = np.append(equal, False) | np.append(False, equal)
-    noise = position_noise(x, y)
-    by_place = stays(t, x, y, link, 3.0 * noise + 0.1, max(5.0, 12.0 * noise))
-    found = _inner(t, np.where(edge >= 0, same, by_place))
-    return np.where(known, rest, found)
-
-
 def _inner(t: Floats, rest: Flags) -> Flags:
     """Standstills without their ends: positions cannot tell the last creeping metre from standing."""
-    change = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(np.int8)))
     inner = np.zeros(len(rest), np.bool_)
-    for begin, end in zip(change[::2].tolist(), change[1::2].tolist(), strict=True):
+    for begin, end in np.flatnonzero(np.diff(rest, prepend=False, append=False)).reshape(-1, 2).tolist():
         margin = min(UNSURE_END, 0.3 * (t[end - 1] - t[begin]))
         lo, hi = np.searchsorted(t, [t[begin] + margin - 1e-6, t[end - 1] - margin + 1e-6])
         inner[lo:hi] = True
@@ -165,7 +144,7 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
     step, change = np.diff(rows.t), np.diff(rows.speed)
     later = 0.5 * step * change
     over = np.diff(way) - step * (rows.speed[1:] - 0.5 * change)
-    use = (rows.link[1:] == 0) & rows.fresh[1:] & rows.fresh[:-1] & (np.abs(change) > CHANGES)
+    use = ~rows.breaks[1:] & rows.fresh[1:] & rows.fresh[:-1] & (np.abs(change) > CHANGES)
     use &= np.isfinite(over) & (np.abs(over) < 2.0 * np.abs(later) + MOVED)
     if use.sum() < 30:
         return False

@@ -11,8 +11,7 @@ def power(motion: Motion, truck: Truck, values: Values) -> Floats:
     Joule heat of a motor current that is proportional to the torque.  A 10 kW drive that loses 4 % at 3 kN
     has k = 4.4e-5 W/N2 (our estimate).
     """
-    moving = motion.speed > 0.0
-    return np.asarray(values.get("k", 0.0) * np.where(moving, values["force"], 0.0) ** 2)
+    return np.asarray(values.get("k", 0.0) * np.where(motion.speed > 0.0, values["force"], 0.0) ** 2)
 
 
 TERM = Term(

@@ -10,18 +10,11 @@ def power(motion: Motion, truck: Truck, values: Values) -> Floats:
 
     Inverters, brakes held open and fans; two real AGVs draw 172 and 72 W so.
     """
-    return np.asarray(values.get("power", 0.0) * enabled(motion, float(np.asarray(values.get("hold", 5.0)))))
-
-
-def enabled(motion: Motion, hold: float) -> Floats:
-    """(N,) 1 while a vehicle of the motion moves and for ``hold`` seconds after, else 0."""
-    moving = motion.speed > 0.0
-    last = np.maximum.accumulate(np.where(moving, motion.time, -np.inf))
-    first = np.concatenate([[True], np.diff(motion.vehicle) != 0])
-    if first[1:].any():
-        begin = np.maximum.accumulate(np.where(first, motion.time, -np.inf))
-        last = np.where(last < begin, -np.inf, last)
-    return (motion.time - last <= hold).astype(float)
+    row, moving = np.arange(len(motion)), motion.speed > 0.0
+    last = np.maximum.accumulate(np.where(moving, row, -1))
+    first = np.maximum.accumulate(np.where(np.diff(motion.vehicle, prepend=-1) != 0, row, 0))
+    on = (last >= first) & (motion.time - motion.time[last] <= values.get("hold", 5.0))
+    return np.asarray(values.get("power", 0.0) * on)
 
 
 TERM = Term(

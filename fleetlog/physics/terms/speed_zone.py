@@ -1,13 +1,11 @@
 """A road on which trucks drive more slowly than the limit."""
 
-import numpy as np
-
 from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 
 def speed(motion: Motion, truck: Truck, values: Values) -> Floats:
     """v = factor times the speed that the road allows (``motion.speed``) [m/s]."""
-    return np.asarray(values.get("factor", 1.0) * motion.speed)
+    return values.get("factor", 1.0) * motion.speed
 
 
 TERM = Term(

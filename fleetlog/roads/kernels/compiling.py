@@ -1,4 +1,4 @@
-"""How the matcher's kernels are compiled.
+"""How the kernels of the matcher and of simulated traffic are compiled.
 
 They allocate nothing: whoever calls them brings the arrays.  So neither numba's support for arrays that
 kernels make themselves nor counts of references are compiled, which would take as long again; and ``inner``

@@ -2,15 +2,8 @@
 
 import numpy as np
 
-from fleetlog.simulate.kernels.lanes import (
-    acquire,
-    front,
-    inner,
-    insert,
-    is_free,
-    is_free_ahead,
-    is_safe_lane,
-)
+from fleetlog.roads.kernels.compiling import inner
+from fleetlog.simulate.kernels.lanes import acquire, insert, is_free, is_safe_lane
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]
@@ -49,14 +42,15 @@ def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
 
 
 @inner
-def unask(r: Roads, f: Fleet, v: int) -> None:
-    """Ask no longer."""
+def take_spur(r: Roads, f: Fleet, v: int) -> None:
+    """Reserve the way into a bay or out of it, and the lane that it crosses; ask no longer."""
     d = f.door[v]
-    if f.asks[r.door_lane[d]] == v:
-        f.asks[r.door_lane[d]] = -1
-    c = r.door_crosses[d]
-    if c >= 0 and f.asks[c] == v:
-        f.asks[c] = -1
+    for lane in (r.door_lane[d], r.door_crosses[d]):
+        if lane >= 0 and f.asks[lane] == v:
+            f.asks[lane] = -1
+    if r.door_crosses[d] >= 0:
+        f.crossed[r.door_crosses[d]] = v
+    f.held[len(r.length) + 2 * len(r.clear) + d] += 1
 
 
 @inner
@@ -104,7 +98,10 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
                 return False
         else:
             need = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + 0.6 * f.v[u]
-            if front(r, f, u, x) + need > rear or f.held_to[u] > f.at[u]:
+            reach = 0.5 * x.length
+            if f.mode[u] == Mode.LEAVING or f.mode[u] == Mode.ENTERING:
+                reach = max(reach, r.door_ahead[f.door[u]])
+            if f.s[u] + reach + need > rear or f.held_to[u] > f.at[u]:
                 return False
         u = f.ahead[u]
     out = f.last_out[lane]
@@ -122,18 +119,14 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     late = now - f.waits[v] > x.patience
     if late:
         ask(r, f, v, x)
-    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur):
+    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, False):
         return 1
     if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
         return 1
-    unask(r, f, v)
-    f.s[v] = r.door_at[d]
-    f.piece[v] = lane
+    take_spur(r, f, v)
+    f.s[v], f.piece[v] = r.door_at[d], lane
     insert(f, v, lane)
     f.on[lane] += 1
-    f.held[spur] += 1
-    if r.door_crosses[d] >= 0:
-        f.crossed[r.door_crosses[d]] = v
     f.mode[v] = Mode.LEAVING
     f.trip[v] += 1
     return 0
@@ -155,16 +148,13 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
         return 1
     if not f.entry[v]:
         # It is on the road already: whoever has claimed the junction waits for it to be gone.
-        if not is_free_ahead(r, f, v, spur):
+        if not is_free(r, f, v, spur, True):
             return 1
         if now - f.waits[v] > x.patience:
             ask(r, f, v, x)
         if not may_cross(r, f, v, x):
             return 1
-        unask(r, f, v)
-        if r.door_crosses[d] >= 0:
-            f.crossed[r.door_crosses[d]] = v
-        f.held[spur] += 1
+        take_spur(r, f, v)
         f.entry[v] = True
     if f.mode[v] == Mode.AT_BAY:
         f.mode[v] = Mode.ENTERING
@@ -173,24 +163,15 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
 
 
 @inner
-def wants_entry(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether a truck comes near its door without a reservation of the ground there."""
-    if f.at[v] < f.last[v] or f.entry[v]:
+def comes_near(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether a truck comes near its door, or first near the end of its lane, without a reservation."""
+    look = f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v]
+    p, a = f.piece[v], f.ahead[v]
+    if f.at[v] == f.last[v]:
+        return not f.entry[v] and r.door_at[f.door[v]] - f.s[v] < look + 1.0
+    if f.held_to[v] >= f.at[v] or not is_safe_lane(r, p) or (a >= 0 and f.held_to[a] <= f.at[a]):
         return False
-    return r.door_at[f.door[v]] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v] + 1.0
-
-
-@inner
-def wants_passage(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether a truck comes near the end of its lane without a reservation, and is the first to."""
-    if f.held_to[v] >= f.at[v] or f.at[v] >= f.last[v]:
-        return False
-    p = f.piece[v]
-    if not is_safe_lane(r, p):
-        return False
-    if f.ahead[v] >= 0 and f.held_to[f.ahead[v]] <= f.at[f.ahead[v]]:
-        return False
-    return r.stop[p] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v] + 3.0
+    return r.stop[p] - f.s[v] < look + 3.0
 
 
 @inner
@@ -200,8 +181,7 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
     n = 0
     for v in range(len(f.mode)):
         m = f.mode[v]
-        comes = m == Mode.DRIVING and (wants_entry(r, f, v, x) or wants_passage(r, f, v, x))
-        if comes or m == Mode.WANTS_OUT or m == Mode.AT_BAY:
+        if m == Mode.WANTS_OUT or m == Mode.AT_BAY or (m == Mode.DRIVING and comes_near(r, f, v, x)):
             if f.waits[v] == np.inf:
                 f.waits[v] = now
             # Into the line behind all who have waited as long.

@@ -3,9 +3,12 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
+
+PASSED, SAFE, PARKED = range(3)  # Ground that trucks drive over, wait on, stand on in a bay
 
 
 @kernel()
@@ -53,8 +56,8 @@ class Cells(NamedTuple):
     """Boxes of one size in square cells: ``head`` (cells,) is the last box of a cell, ``after`` (N,) the one
     before it, -1: none.
 
-    ``shape`` x0, y0, cell [m], columns, rows;  ``box`` (N, 3) x, y, heading;  ``group`` (N,) what a box
-    belongs to;  ``size`` (1,) boxes in use.  Boxes outside the cells lie in the nearest one.
+    ``shape`` x0, y0, cell [m], columns, rows;  ``box`` (N, 3) x, y, heading;  ``group``, ``kind`` (N,) what
+    a box belongs to;  ``size`` (1,) boxes in use.  Boxes outside the cells lie in the nearest one.
     """
 
     shape: Floats
@@ -62,6 +65,7 @@ class Cells(NamedTuple):
     after: Ints
     box: Floats
     group: Index
+    kind: Index
     size: Ints
 
 
@@ -71,19 +75,19 @@ def new_cells(x: Floats, y: Floats, cell: float, room: int) -> Cells:
     columns, rows = int(np.ptp(x) / cell) + 1, int(np.ptp(y) / cell) + 1
     shape = np.array([x.min(), y.min(), cell, columns, rows], dtype=np.float64)
     head, after = np.full(columns * rows, -1, np.int64), np.full(room, -1, np.int64)
-    return Cells(shape, head, after, np.zeros((room, 3)), np.zeros(room, np.int32), np.zeros(1, np.int64))
+    group, kind = np.zeros(room, np.int32), np.zeros(room, np.int32)
+    return Cells(shape, head, after, np.zeros((room, 3)), group, kind, np.zeros(1, np.int64))
 
 
 def grown(c: Cells, more: int) -> Cells:
     """The same cells with room for ``more`` boxes."""
     if c.size[0] + more <= len(c.after):
         return c
-    room = len(c.after) + more
-    after, group = np.full(room, -1, np.int64), np.zeros(room, np.int32)
-    return c._replace(
-        after=np.concatenate([c.after, after]), box=np.concatenate([c.box, np.zeros((room, 3))]),
-        group=np.concatenate([c.group, group]),
-    )  # fmt: skip
+
+    def longer(values: NDArray[Any]) -> NDArray[Any]:
+        return np.resize(values, (2 * len(c.after) + more, *values.shape[1:]))
+
+    return c._replace(after=longer(c.after), box=longer(c.box), group=longer(c.group), kind=longer(c.kind))
 
 
 @kernel()
@@ -92,8 +96,8 @@ def _at(value: float, low: float, cell: float, count: int) -> int:
 
 
 @kernel()
-def put(c: Cells, boxes: Floats, group: Index) -> None:
-    """Add (n, 3+) boxes of (n,) groups; there must be room."""
+def put(c: Cells, boxes: Floats, group: Index, kind: Index) -> None:
+    """Add (n, 3+) boxes of (n,) groups and kinds; there must be room."""
     columns, rows = int(c.shape[3]), int(c.shape[4])
     for i in range(len(boxes)):
         k = c.size[0]
@@ -101,7 +105,7 @@ def put(c: Cells, boxes: Floats, group: Index) -> None:
         column = _at(boxes[i, 0], c.shape[0], c.shape[2], columns)
         where = _at(boxes[i, 1], c.shape[1], c.shape[2], rows) * columns + column
         c.box[k, 0], c.box[k, 1], c.box[k, 2] = boxes[i, 0], boxes[i, 1], boxes[i, 2]
-        c.group[k], c.after[k], c.head[where] = group[i], c.head[where], k
+        c.group[k], c.kind[k], c.after[k], c.head[where] = group[i], kind[i], c.head[where], k
 
 
 @kernel()
@@ -122,7 +126,7 @@ def meetings(
     Those in ``ask`` pass over the owner ``skip`` (N,), -1 where they pass over none.
     """
     c = new_cells(x, y, 2.0 * np.sqrt(half_l * half_l + half_w * half_w), len(x))
-    put(c, np.column_stack((x, y, heading)), owner)
+    put(c, np.column_stack((x, y, heading)), owner, owner)
     cos, sin = np.cos(heading), np.sin(heading)
     out, n = np.empty((1024, 2), np.int32), 0
     for a in np.flatnonzero(ask):
@@ -143,45 +147,25 @@ def meetings(
 
 
 @kernel()
-def meets_group(
-    c: Cells, x: float, y: float, heading: float, half_l: float, half_w: float, one: int, other: int
-) -> bool:
-    """Whether a box meets one of a group other than ``one`` and ``other``; cells are wider than two boxes."""
-    cos, sin = np.cos(heading), np.sin(heading)
-    low, high, left, right = cells_near(c, x, y)
-    for r in range(low, high):
-        for q in range(left, right):
-            k = c.head[r * int(c.shape[3]) + q]
-            while k >= 0:
-                if c.group[k] != one and c.group[k] != other:
-                    bx, by, turn = c.box[k]
-                    if boxes_meet(bx - x, by - y, cos, sin, np.cos(turn), np.sin(turn), half_l, half_w):
-                        return True
-                k = c.after[k]
-    return False
-
-
-@kernel()
-def spur_is_free(
-    path: Floats, every: Cells, safe: Cells, parked: Cells, swept: Cells, half_l: float, half_w: float,
-    lane: int, reverse: int
-) -> bool:  # fmt: skip
+def spur_is_free(c: Cells, path: Floats, half_l: float, half_w: float, lane: int, reverse: int) -> bool:
     """Whether a spur (n, 4) touches no parked truck and no safe part of other lanes than ``lane`` and
-    ``reverse``, its end nothing.
+    ``reverse``, its end nothing; cells are wider than two boxes.
 
     From the bay outwards: most ground that is taken is taken there.
     """
-    last = len(path) - 1
-    x, y, h = path[last, 0], path[last, 1], path[last, 2]
-    for taken in (every, swept):
-        if meets_group(taken, x, y, h, half_l, half_w, -1, -1):
-            return False
-    for i in range(last, -1, -1):
-        x, y, h = path[i, 0], path[i, 1], path[i, 2]
-        if meets_group(parked, x, y, h, half_l, half_w, -1, -1):
-            return False
-        if i < last and meets_group(safe, x, y, h, half_l, half_w, lane, reverse):
-            return False
+    for i in range(len(path) - 1, -1, -1):
+        x, y, cos, sin = path[i, 0], path[i, 1], np.cos(path[i, 2]), np.sin(path[i, 2])
+        low, high, left, right = cells_near(c, x, y)
+        for r in range(low, high):
+            for q in range(left, right):
+                k = c.head[r * int(c.shape[3]) + q]
+                while k >= 0:
+                    other = c.kind[k] == SAFE and c.group[k] != lane and c.group[k] != reverse
+                    if other or c.kind[k] == PARKED or i == len(path) - 1:
+                        bx, by, turn = c.box[k]
+                        if boxes_meet(bx - x, by - y, cos, sin, np.cos(turn), np.sin(turn), half_l, half_w):
+                            return False
+                    k = c.after[k]
     return True
 
 
@@ -198,11 +182,12 @@ def brake_ahead(cap: Floats, first: Ints, spacing: Floats, down: float) -> Float
 
 @kernel(nogil=True)
 def expand(
-    piece: Index, s: Floats, back: Flags, first: Ints, spacing: Floats,
-    x: Floats, y: Floats, z: Floats, heading: Floats, curvature: Floats, slope: Floats,
-    edge: Index, offset: Floats, lateral: Floats,
-) -> tuple[Floats, Index]:  # fmt: skip
-    """(8, N) x, y, z, heading, curvature, slope, offset, lateral, (N,) edge at places; ``back``: backing."""
+    piece: Index, s: Floats, back: Flags, first: Ints, spacing: Floats, samples: Floats, edge: Index
+) -> tuple[Floats, Index]:
+    """(8, N) columns of ``samples`` (S, 8), see ``Track.samples``, and (N,) edge at places of pieces.
+
+    ``back`` (N,): who backs there.
+    """
     n = len(piece)
     out = np.empty((8, n))
     where = np.empty(n, np.int32)
@@ -217,23 +202,17 @@ def expand(
         at = max(s[k], 0.0) / spacing[p]
         i = first[p] + min(int(at), first[p + 1] - first[p] - 2)
         t = min(at - (i - first[p]), 1.0)
-        out[0, k] = x[i] + t * (x[i + 1] - x[i])
-        out[1, k] = y[i] + t * (y[i + 1] - y[i])
-        out[2, k] = z[i] + t * (z[i + 1] - z[i])
-        turn = heading[i + 1] - heading[i]
+        for c in range(8):
+            out[c, k] = samples[i, c] + t * (samples[i + 1, c] - samples[i, c])
+        turn = samples[i + 1, 3] - samples[i, 3]
         turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
-        h = heading[i] + t * turn
-        sign = -1.0 if back[k] else 1.0
+        h = samples[i, 3] + t * turn
         if back[k]:
             h += np.pi
+            out[4, k], out[5, k] = -out[4, k], -out[5, k]
         out[3, k] = h - 2.0 * np.pi * np.round(h / (2.0 * np.pi))
-        out[4, k] = sign * (curvature[i] + t * (curvature[i + 1] - curvature[i]))
-        out[5, k] = sign * (slope[i] + t * (slope[i + 1] - slope[i]))
-        if edge[i] == edge[i + 1]:
-            where[k] = edge[i]
-            out[6, k] = offset[i] + t * (offset[i + 1] - offset[i])
-            out[7, k] = lateral[i] + t * (lateral[i + 1] - lateral[i])
-        else:
+        where[k] = edge[i]
+        if edge[i] != edge[i + 1]:
             j = i if t < 0.5 else i + 1
-            where[k], out[6, k], out[7, k] = edge[j], offset[j], lateral[j]
+            where[k], out[6, k], out[7, k] = edge[j], samples[j, 6], samples[j, 7]
     return out, where

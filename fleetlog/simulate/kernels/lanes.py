@@ -1,17 +1,15 @@
-"""Lanes and junctions: how fast on them, who is in line there; passages are reserved whole or not at all."""
+"""Lanes and junctions: how fast on them, who is in line there; passages are reserved whole or not at all.
+
+From piece to piece of a route, and into a bay and out of it.
+"""
 
 import numpy as np
 
-from fleetlog.compiling import kernel
+from fleetlog.roads.kernels.compiling import inner
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
-inner = kernel(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""How kernels are compiled that only other kernels call.
-
-Nothing in them allocates, so counting references of sixty arrays at every access, which would take most of
-the time, is switched off; and without an entrance from Python, which would unpack them all, a third of the
-time of compiling is saved.
-"""
+NEAR = 0.02  # At rest this close to its mark a truck is there [m]
+REST = 0.01  # Slower than this it is at rest [m/s]
 
 
 @inner
@@ -22,67 +20,35 @@ def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
 
 
 @inner
-def cap_at(r: Roads, piece: int, s: float, row: int) -> float:
-    """Speed cap on a piece; its square is linear between samples."""
-    x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
-    low = r.first[piece]
-    i = min(int(x), r.first[piece + 1] - low - 2)
-    a, b = r.cap[row, low + i], r.cap[row, low + i + 1]
-    return np.sqrt(a * a + (x - i) * (b * b - a * a))
-
-
-@inner
 def is_safe_lane(r: Roads, piece: int) -> bool:
     """Whether a truck may wait on this piece."""
     return piece < len(r.clear) and r.capacity[piece] > 0
 
 
 @inner
-def push(f: Fleet, v: int, piece: int) -> None:
-    """Join the end of a piece's queue."""
-    f.ahead[v] = f.tail[piece]
-    f.behind[v] = -1
-    if f.tail[piece] >= 0:
-        f.behind[f.tail[piece]] = v
-    f.tail[piece] = v
-
-
-@inner
 def drop(f: Fleet, v: int, piece: int) -> None:
     """Leave a piece's queue."""
-    a, b = f.ahead[v], f.behind[v]
-    if a >= 0:
-        f.behind[a] = b
-    if b >= 0:
-        f.ahead[b] = a
     if f.tail[piece] == v:
-        f.tail[piece] = a
+        f.tail[piece] = f.ahead[v]
+    else:
+        u = f.tail[piece]
+        while f.ahead[u] != v:
+            u = f.ahead[u]
+        f.ahead[u] = f.ahead[v]
     f.ahead[v] = -1
-    f.behind[v] = -1
 
 
 @inner
 def insert(f: Fleet, v: int, piece: int) -> None:
     """Join a piece's queue at one's own offset."""
-    b, a = -1, f.tail[piece]
-    while a >= 0 and f.s[a] < f.s[v]:
-        b, a = a, f.ahead[a]
-    f.ahead[v], f.behind[v] = a, b
-    if a >= 0:
-        f.behind[a] = v
-    if b >= 0:
-        f.ahead[b] = v
+    behind, ahead = -1, f.tail[piece]
+    while ahead >= 0 and f.s[ahead] < f.s[v]:
+        behind, ahead = ahead, f.ahead[ahead]
+    f.ahead[v] = ahead
+    if behind >= 0:
+        f.ahead[behind] = v
     else:
         f.tail[piece] = v
-
-
-@inner
-def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
-    """How far along its lane a truck reaches [m]."""
-    reach = 0.5 * x.length
-    if f.mode[v] == Mode.LEAVING or f.mode[v] == Mode.ENTERING:
-        reach = max(reach, r.door_ahead[f.door[v]])
-    return f.s[v] + reach
 
 
 @inner
@@ -108,45 +74,27 @@ def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
 
 
 @inner
-def held_by_others(r: Roads, f: Fleet, v: int, what: int) -> int:
-    """How often a resource is held, but for truck ``v`` itself."""
-    others = f.held[what]
-    return others - 1 if others > 0 and holds(r, f, v, what) else others
+def is_free(r: Roads, f: Fleet, v: int, what: int, ahead: bool) -> bool:
+    """Whether nobody else holds or has claimed what excludes resource ``what``.
 
-
-@inner
-def is_free(r: Roads, f: Fleet, v: int, what: int) -> bool:
-    """Whether nobody else holds or has claimed what excludes resource ``what``."""
+    For who is ``ahead``, on the road already, claims do not count, nor trucks behind it on its piece.
+    """
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
         q = r.conflicts[i]
-        if held_by_others(r, f, v, q) > 0 or f.claimed[q] == f.round[0]:
+        others = f.held[q]
+        if others > 0 and holds(r, f, v, q):
+            others -= 1
+        if ahead:
+            u = f.tail[f.piece[v]]
+            while others > 0 and u != v:
+                if holds(r, f, u, q):
+                    others -= 1
+                u = f.ahead[u]
+        elif f.claimed[q] == f.round[0]:
             return False
-    return True
-
-
-@inner
-def is_free_ahead(r: Roads, f: Fleet, v: int, what: int) -> bool:
-    """Whether only trucks behind ``v`` on its piece, who stay there, hold what excludes ``what``."""
-    for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
-        q = r.conflicts[i]
-        others = held_by_others(r, f, v, q)
-        u = f.behind[v]
-        while others > 0 and u >= 0:
-            if holds(r, f, u, q):
-                others -= 1
-            u = f.behind[u]
         if others > 0:
             return False
     return True
-
-
-@inner
-def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
-    """Route position of the next lane with a safe part after ``low``, or of the last piece."""
-    k = low + 1
-    while k < f.last[v] and not is_safe_lane(r, f.route[v, k]):
-        k += 1
-    return min(k, f.last[v])
 
 
 @inner
@@ -166,33 +114,28 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
 
 
 @inner
-def ends_here(r: Roads, f: Fleet, piece: int) -> bool:
-    """Whether somebody on a piece goes into a bay there: a reservation beyond it could be in his way."""
-    u = f.tail[piece]
-    while u >= 0:
-        if f.at[u] == f.last[u]:
-            return True
-        u = f.ahead[u]
-    return False
-
-
-@inner
 def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int:
     """Reserve the way to the next safe lane, whole: 0 done, 1 others are in the way, 2 no room there."""
-    high = passage_end(r, f, v, low)
+    high = min(low + 1, f.last[v])
+    while high < f.last[v] and not is_safe_lane(r, f.route[v, high]):
+        high += 1
     ends_safe = is_safe_lane(r, f.route[v, high])
     if ends_safe and high > low and not has_room(r, f, v, f.route[v, high], x):
         return 2
     for k in range(low + 1, high):
-        if ends_here(r, f, f.route[v, k]):
-            return 1
+        # Who goes into a bay there could find a reservation beyond it in its way.
+        u = f.tail[f.route[v, k]]
+        while u >= 0:
+            if f.at[u] == f.last[u]:
+                return 1
+            u = f.ahead[u]
     if f.mode[v] == Mode.WANTS_OUT and f.held[f.route[v, low]] > 0:
         # Who comes along a single-lane aisle may have a reservation beyond it already: it goes first.
         if claim:
             f.claimed[f.route[v, low]] = f.round[0]
         return 1
     for k in range(low, high + 1):
-        if not is_free(r, f, v, resource(r, f, v, k, low, high)):
+        if not is_free(r, f, v, resource(r, f, v, k, low, high), False):
             if claim:
                 for j in range(low, high + 1):
                     f.claimed[resource(r, f, v, j, low, high)] = f.round[0]
@@ -216,3 +159,77 @@ def release(r: Roads, f: Fleet, v: int, upto: int) -> None:
         f.held_from[v], f.held_to[v] = 0, -1
     elif upto > low:
         f.held_from[v] = upto
+
+
+@inner
+def cross(r: Roads, f: Fleet, v: int) -> None:
+    """Go over to the next pieces of the route where the end of one is passed."""
+    while f.s[v] > r.length[f.piece[v]] and f.at[v] < f.last[v]:
+        p = f.piece[v]
+        if is_safe_lane(r, p) and f.held_to[v] <= f.at[v]:
+            # A hair beyond the stop line by rounding, without a reservation: not over it.
+            f.s[v] = r.length[p]
+            return
+        f.s[v] -= r.length[p]
+        drop(f, v, p)
+        f.at[v] += 1
+        q = f.route[v, f.at[v]]
+        if p < len(r.clear):
+            f.on[p] -= 1
+            f.last_out[p] = v
+            f.left[v] = p
+            f.left_by[v] = f.s[v]
+            f.left_hold[v] = r.length[q] + 1.0 if r.swings[q] else 0.0
+        if q < len(r.clear):
+            f.on[q] += 1
+            if is_safe_lane(r, q) and f.held_to[v] == f.at[v]:
+                f.inbound[q] -= 1
+        f.ahead[v], f.tail[q], f.piece[v] = f.tail[q], v, q
+
+
+@inner
+def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
+    """Give back what is behind the truck."""
+    if f.held_to[v] < f.held_from[v]:
+        return
+    p = f.piece[v]
+    if f.at[v] == f.held_to[v] and is_safe_lane(r, p) and f.s[v] >= r.clear[p]:
+        release(r, f, v, f.held_to[v] + 1)
+    elif f.s[v] > 0.5 * x.length + 0.3:
+        release(r, f, v, min(f.at[v], f.held_to[v]))
+
+
+@inner
+def reach_door(r: Roads, f: Fleet, v: int) -> None:
+    """Turn onto the spur where its door is passed and its ground reserved, or wait at rest before it."""
+    past = f.s[v] - r.door_at[f.door[v]]
+    if f.entry[v] and past >= 0.0:
+        f.mode[v], f.spur[v] = Mode.ENTERING, past
+    elif f.v[v] < REST and abs(past) < NEAR:
+        f.mode[v], f.v[v] = Mode.AT_BAY, 0.0
+    else:
+        return
+    f.s[v], f.waits[v] = r.door_at[f.door[v]], np.inf
+
+
+@inner
+def end_spur(r: Roads, f: Fleet, v: int) -> None:
+    """Stand in the bay, or on the lane, at the end of a spur."""
+    d, enters = f.door[v], f.mode[v] == Mode.ENTERING
+    rest = r.door_length[d] - f.spur[v] if enters else f.spur[v]
+    if rest >= NEAR or f.v[v] >= REST:
+        return
+    f.held[len(r.length) + 2 * len(r.clear) + d] -= 1
+    if r.door_crosses[d] >= 0:
+        f.crossed[r.door_crosses[d]] = -1
+    f.v[v], f.attention[v] = 0.0, True
+    if enters:
+        lane = r.door_lane[d]
+        drop(f, v, lane)
+        f.on[lane] -= 1
+        if f.held_to[v] >= f.held_from[v]:
+            release(r, f, v, f.held_to[v] + 1)
+        f.mode[v], f.entry[v], f.spur[v] = Mode.PARKED, False, r.door_length[d]
+        f.piece[v], f.left[v] = -1, -1
+    else:
+        f.mode[v], f.at[v], f.door[v], f.spur[v] = Mode.DRIVING, 0, f.goal[v], 0.0

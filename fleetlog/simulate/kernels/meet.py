@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fleetlog.compiling import kernel
+from fleetlog.roads.kernels.compiling import inner
 from fleetlog.simulate.arrays import Flags, Floats, Ints
-from fleetlog.simulate.kernels.lanes import inner, safe
+from fleetlog.simulate.kernels.lanes import safe
 
 STEP = 0.1  # [s]
 BEFORE = 0.3  # A truck waits this far before the first node that it may not reach [m]
@@ -17,7 +18,7 @@ STANDS, ALONE, HINDERED = range(3)
 
 
 class Drives(NamedTuple):
-    """(N,) nodes of all trips, those of a truck in order: ``SpeedProfile`` of a truck alone.
+    """(N,) nodes of all trips, those of a truck in order: ``SpeedProfile`` of one alone, when it leaves them.
 
     (K + 1,) first nodes of trips, (K,) when a truck may leave, and how long it works after the arrival [s].
     """
@@ -25,7 +26,7 @@ class Drives(NamedTuple):
     distance: Floats
     speed: Floats
     time: Floats
-    wait: Floats
+    leaves: Floats
     first: Ints
     leave: Floats
     work: Floats
@@ -83,16 +84,9 @@ def new_state(first_trip: Ints, d: Drives, g: Gates) -> State:
 @inner
 def at_time(d: Drives, low: int, high: int, t: float) -> tuple[float, float]:
     """Distance and speed ``t`` [s] after setting off alone on the trip of nodes ``low`` to ``high`` - 1."""
-    i, end = low, high - 1
-    while end - i > 1:
-        middle = (i + end) // 2
-        if d.time[middle] + d.wait[middle] <= t:
-            i = middle
-        else:
-            end = middle
-    leave = d.time[i] + d.wait[i]
-    span = d.time[i + 1] - leave
-    since = min(max(t - leave, 0.0), span)
+    i = max(low + int(np.searchsorted(d.leaves[low : high - 1], t, side="right")) - 1, low)
+    span = d.time[i + 1] - d.leaves[i]
+    since = min(max(t - d.leaves[i], 0.0), span)
     a = (d.speed[i + 1] - d.speed[i]) / span if span > 0.0 else 0.0
     return d.distance[i] + d.speed[i] * since + 0.5 * a * since * since, d.speed[i] + a * since
 
@@ -108,7 +102,7 @@ def at_distance(d: Drives, node: int, high: int, x: float) -> tuple[float, float
     v0, v1 = d.speed[i], d.speed[i + 1]
     v = np.sqrt(v0 * v0 + share * (v1 * v1 - v0 * v0))
     took = 2.0 * share * ds / (v0 + v) if v0 + v > 1e-6 else 0.0
-    return v, d.time[i] + d.wait[i] + took
+    return v, d.leaves[i] + took
 
 
 @inner

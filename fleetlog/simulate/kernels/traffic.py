@@ -3,9 +3,10 @@
 import numpy as np
 
 from fleetlog.compiling import kernel
-from fleetlog.simulate.kernels.arrivals import REST, arrive, cross, end_spur, let_go, roll_in
+from fleetlog.physics.terms.laden_speed import LADEN
+from fleetlog.roads.kernels.compiling import inner
 from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
-from fleetlog.simulate.kernels.lanes import cap_at, inner, is_safe_lane, safe
+from fleetlog.simulate.kernels.lanes import cross, end_spur, is_safe_lane, let_go, reach_door, safe
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
 GRAVITY = 9.81
@@ -13,9 +14,44 @@ ROUND = 5  # Steps between two rounds of reservations
 
 
 @inner
+def cap_at(r: Roads, piece: int, s: float, row: int) -> float:
+    """Speed cap on a piece; its square is linear between samples."""
+    x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
+    low = r.first[piece]
+    i = min(int(x), r.first[piece + 1] - low - 2)
+    a, b = r.cap[row, low + i], r.cap[row, low + i + 1]
+    return np.sqrt(a * a + (x - i) * (b * b - a * a))
+
+
+@inner
+def stop_ahead(r: Roads, f: Fleet, v: int, x: Limits, j: int, u: int, off: float) -> float:
+    """Metres to where others make a truck stop on the lane at route position ``j``, ``off`` m ahead, or inf.
+
+    ``u`` is the truck before it on that lane, -1: nobody.
+    """
+    p, room = f.route[v, j], np.inf
+    o = f.last_out[p]
+    if u < 0 and o >= 0 and o != v and f.left[o] == p:
+        # Who has left the lane may reach into it still.
+        past = max(0.0, f.left_by[o] - f.left_hold[o])
+        if past < x.length + x.gap:
+            room = off + r.length[p] + past - x.length - x.gap
+    # Who stands at a mark by a hair stays there; who cannot stop before it goes on.
+    too_late = max(f.v[v] * f.v[v] / (2.0 * x.down[v]), 0.01) - 0.2
+    asker, crosses = f.asks[p], f.crossed[p]
+    if asker >= 0 and asker != v and off + f.ask_at[p] > too_late and may_ask(r, f, v, j, x):
+        room = min(room, max(off + f.ask_at[p], 0.0))
+    if f.walked[p] and off + r.walk_at[p] > too_late:
+        room = min(room, max(off + r.walk_at[p], 0.0))
+    if crosses >= 0 and (j > f.at[v] or f.s[v] <= r.door_high[f.door[crosses]]):
+        room = min(room, max(off + r.door_low[f.door[crosses]], 0.0))
+    return room
+
+
+@inner
 def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """The highest speed at the end of the step that keeps all limits, distances and stops ahead."""
-    row = x.cap[v] + (1 if f.load[v] > 25.0 else 0)
+    row = x.cap[v] + (1 if f.load[v] > LADEN else 0)
     plan = x.plan[v]
     speed = f.v[v]
     limit = cap_at(r, f.piece[v], f.s[v] + speed * dt, row)
@@ -32,37 +68,16 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
             pace *= min(1.0, np.sqrt(plan / x.plan[u]))
             limit = min(limit, safe(speed, off + f.s[u] - x.length - x.gap, pace, plan, dt))
         if p < len(r.clear):
-            if u < 0:
-                o = f.last_out[p]
-                if o >= 0 and o != v and f.left[o] == p:
-                    past = max(0.0, f.left_by[o] - f.left_hold[o])
-                    if past < x.length + x.gap:
-                        limit = min(
-                            limit, safe(speed, off + r.length[p] + past - x.length - x.gap, 0.0, plan, dt)
-                        )
-            asker = f.asks[p]
-            if asker >= 0 and asker != v and may_ask(r, f, v, j, x):
-                room = off + f.ask_at[p]
-                # A truck that stands at the mark by a hair stays there; one that cannot stop before it goes
-                # on.
-                if room > max(speed * speed / (2.0 * x.down[v]), 0.01) - 0.2:
-                    limit = min(limit, safe(speed, max(room, 0.0), 0.0, plan, dt))
-            if f.walked[p]:
-                room = off + r.walk_at[p]
-                if room > max(speed * speed / (2.0 * x.down[v]), 0.01) - 0.2:
-                    limit = min(limit, safe(speed, max(room, 0.0), 0.0, plan, dt))
-            if f.crossed[p] >= 0:
-                d = f.door[f.crossed[p]]
-                if j > f.at[v] or f.s[v] <= r.door_high[d]:
-                    limit = min(limit, safe(speed, max(off + r.door_low[d], 0.0), 0.0, plan, dt))
+            room = stop_ahead(r, f, v, x, j, u, off)
+            if room < np.inf:
+                limit = min(limit, safe(speed, room, 0.0, plan, dt))
             if j == f.last[v]:
                 d = f.door[v]
                 creep = min(x.creep[v], np.sqrt(2.0 * plan * r.door_length[d]))
                 pace = creep if f.entry[v] and past_door(r, f, v, x) else 0.0
                 limit = min(limit, safe(speed, off + r.door_at[d], pace, plan, dt))
             elif is_safe_lane(r, p) and j >= f.held_to[v]:
-                limit = min(limit, safe(speed, off + r.stop[p], 0.0, plan, dt))
-                break
+                return min(limit, safe(speed, off + r.stop[p], 0.0, plan, dt))
         if u >= 0:
             break
         off += r.length[p]
@@ -132,7 +147,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     log.trip[v, column], log.mode[v, column] = f.trip[v], m
 
 
-# As in inner: nothing allocates, references need no counting.
+# As in inner kernels, nothing allocates: references need no counting.
 @kernel(_nrt=False, nogil=True)
 def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float) -> None:
     """``steps`` steps of ``dt`` [s] from step number ``step0``, logged from ``column`` on."""
@@ -158,7 +173,7 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
             write(r, f, log, v, column + k)
             if f.v[v] == 0.0 and f.a[v] == 0.0:
                 if m == Mode.DRIVING and f.at[v] == f.last[v]:
-                    arrive(r, f, v)
+                    reach_door(r, f, v)
                 elif m == Mode.ENTERING or m == Mode.LEAVING:
                     end_spur(r, f, v)
                 continue
@@ -180,6 +195,4 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
                 if f.held_to[v] >= f.held_from[v]:
                     let_go(r, f, v, x)
                 if m == Mode.DRIVING and f.at[v] == f.last[v]:
-                    roll_in(r, f, v)
-                    if f.mode[v] == Mode.DRIVING and f.v[v] < REST:
-                        arrive(r, f, v)
+                    reach_door(r, f, v)

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
+from fleetlog.core.network import Floats, Index
+from fleetlog.core.trajectory import Ints
+from fleetlog.physics.motion.rows import Codes, Flags
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Codes = NDArray[np.uint8]
-Index = NDArray[np.int32]
-Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
 State = tuple[float, float, float]  # Of way, speed and acceleration
 Covariance = tuple[float, float, float, float, float, float]  # ss, sv, sa, vv, va, aa
@@ -24,9 +22,7 @@ Covariance = tuple[float, float, float, float, float, float]  # ss, sv, sa, vv, 
 ON, JUMP, BREAK = 0, 1, 2
 """How a row follows the one before: on the same coordinate; on a new one, at the same speed; after a gap."""
 BLOCK = 1.0  # The jerk of a truck is as strong as it is for about this long [s]
-FREEDOM = 1.0
-"""Of the jerk's strength: nearly none while a truck cruises, a hundred times the usual where it begins
-to brake."""
+FREEDOM = 1.0  # Of its strength: nearly none in a cruise, a hundred times the usual where braking begins
 START_SPEED_VAR, START_ACCEL_VAR = 400.0, 1.0
 NEW_COORDINATE_VAR = 1e4
 REST_SPEED_VAR, REST_ACCEL_VAR = 4e-4, 2.5e-3
@@ -93,12 +89,10 @@ def filter_forward(
             x = (s + moved, v + fv * a, a * fa)
             p = (
                 ss + (2.0 * (h * sv + fs * sa) + h * h * vv + 2.0 * h * fs * va + fs * fs * aa + added[0]),
-                sv + (h * vv + fs * va + fv * gone + added[1]),
-                fa * gone + added[2],
-                vv + (2.0 * fv * va + fv * fv * aa + added[3]),
-                fa * (va + fv * aa) + added[4],
+                sv + (h * vv + fs * va + fv * gone + added[1]), fa * gone + added[2],
+                vv + (2.0 * fv * va + fv * fv * aa + added[3]), fa * (va + fv * aa) + added[4],
                 fa * fa * aa + added[5],
-            )
+            )  # fmt: skip
             if link[i] == JUMP:
                 x = (x[0] if math.isnan(seen[i]) else seen[i], x[1], x[2])
                 p = (NEW_COORDINATE_VAR, 0.0, 0.0, p[3], p[4], p[5])
@@ -131,10 +125,8 @@ def times(row: State, m: Covariance) -> State:
 def smooth_backward(
     t: Floats, link: Codes, jerk: Floats, decay: float, mean: Floats, cov: Floats, gain: Singles
 ) -> None:
-    """Rauch, Tung and Striebel's backward pass.
-
-    Filtered means and covariances become smoothed ones, in place.  ``gain`` (N, 9) takes the gains.
-    """
+    """Rauch, Tung and Striebel's backward pass: filtered means and covariances become smoothed ones, in
+    place.  ``gain`` (N, 9) takes the gains."""
     last = lastq = -1.0
     for i in range(len(t) - 2, -1, -1):
         if link[i + 1] == BREAK:
@@ -223,8 +215,7 @@ def energy_variance(
 ) -> Floats:
     """(count,) variance of the sum over each window of ``by_speed`` v + ``by_acceleration`` a, (N,) each.
 
-    Exact for the smoothed states: backwards, with c = cov(x_i, sum of the window from i on), which the
-    gains carry on.
+    Exact: backwards, with c = cov(x_i, sum of the window from i on), which the gains carry on.
     """
     out = np.zeros(count)
     c = np.zeros(3)

@@ -5,20 +5,18 @@ import math
 import numpy as np
 
 from fleetlog.compiling import kernel
-from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON, Codes, Flags, Floats, Index
+from fleetlog.core.network import Floats, Index
+from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON
+from fleetlog.physics.motion.rows import Codes, Flags
 
-MOST_EXTRA = 8.0
-"""Length that a way may exceed twice the distance of the positions by [m]: noise, and corners."""
-NEAR_REACH = 3
-"""Edges between two rows at most that the walk below finds; farther apart the coordinate starts anew."""
+MOST_EXTRA = 8.0  # By which a way may exceed twice the distance of the positions [m]: noise, and corners
+NEAR_REACH = 3  # Edges between two rows at most; farther apart the coordinate starts anew
 
 
 @kernel()
 def way_between(a: int, b: int, next_first: Index, next_edges: Index, length: Floats, between: Index) -> int:
-    """The shortest way from the end of edge a to the start of b over at most ``NEAR_REACH`` edges.
-
-    Its edges into ``between``.  Returns how many edges lie between, -1 where there is no such way.
-    """
+    """How many edges lie on the shortest way from the end of edge a to the start of b, fewer than
+    ``NEAR_REACH``, -1 where there is no such way; they are written into ``between``."""
     best, count = np.inf, -1
     for i in range(next_first[a], next_first[a + 1]):
         e = next_edges[i]
@@ -117,13 +115,11 @@ def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_durat
 
 @kernel()
 def on_edges(
-    edge: Index, offset: Floats, x: Floats, y: Floats, points: Floats, first: Index, distance: Floats,
-    along: Floats, heading: Floats, slope: Floats,
-) -> None:  # fmt: skip
-    """How far each position lies ahead of its place on the edge [m], and the edge's shape there.
-
-    Heading and slope [rad].  Rows off the map (edge -1) are left as they are.
-    """
+    edge: Index, offset: Floats, x: Floats, y: Floats, points: Floats, first: Index, distance: Floats
+) -> Floats:
+    """(3, N) heading and slope of the edge [rad] at N places on it, how far (x, y) lie ahead of them [m];
+    0 off the map (edge -1)."""
+    out = np.zeros((3, len(edge)))
     last, k = -1, 0
     for i in range(len(edge)):
         e = edge[i]
@@ -138,30 +134,18 @@ def on_edges(
         flat = math.hypot(dx, dy)
         run = distance[k + 1] - distance[k]
         share = min(max((offset[i] - distance[k]) / run, 0.0), 1.0) if run > 0.0 else 0.0
-        heading[i] = math.atan2(dy, dx)
-        slope[i] = math.atan2(points[k + 1, 2] - points[k, 2], max(flat, 1e-9))
+        out[0, i] = math.atan2(dy, dx)
+        out[1, i] = math.atan2(points[k + 1, 2] - points[k, 2], max(flat, 1e-9))
         if flat > 0.0:
-            along[i] = (
-                (x[i] - points[k, 0] - share * dx) * dx + (y[i] - points[k, 1] - share * dy) * dy
-            ) / flat
+            off_x, off_y = x[i] - points[k, 0] - share * dx, y[i] - points[k, 1] - share * dy
+            out[2, i] = (off_x * dx + off_y * dy) / flat
+    return out
 
 
 @kernel()
 def dead_band(value: Floats, band: float) -> Floats:
-    """``value`` without its jitter.
-
-    It is followed only where it leaves a band of half-width ``band`` (NaN stays).
-    """
+    """``value`` without its jitter: followed only where it leaves a band of half-width ``band``."""
     out = value.copy()
-    held = math.nan
-    for i in range(len(value)):
-        if math.isnan(value[i]):
-            continue
-        if math.isnan(held):
-            held = value[i]
-        elif value[i] > held + band:
-            held = value[i] - band
-        elif value[i] < held - band:
-            held = value[i] + band
-        out[i] = held
+    for i in range(1, len(value)):
+        out[i] = min(max(out[i - 1], value[i] - band), value[i] + band)
     return out
