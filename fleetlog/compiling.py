@@ -19,9 +19,12 @@ def kernel(**options: Any) -> Callable[[F], F]:
     """Return the decorator of a kernel; ``options`` are those of ``numba.njit``."""
 
     def compiled(function: F) -> F:
-        made = njit(cache=True, **options)(function)
+        try:
+            made = njit(cache=True, **options)(function)
+        except RuntimeError:  # numba found no folder that it can write
+            made = njit(**options)(function)
         kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
-        if kept is not None:  # numba can be told not to compile
+        if kept is not None:  # it is not kept, or numba was told not to compile
             kept._version = f"{kept._version} {stamp(Path(__file__).parent)}"
         return made  # type: ignore[no-any-return]
 

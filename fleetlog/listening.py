@@ -3,31 +3,25 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, NamedTuple
+from typing import Any
 
 from fleetlog import interrupt
 
 Progress = Callable[[str, float], None]
+Notice = Callable[[str], None]
 
 
 def unheard(*_said: Any) -> None:
     """Nobody listens."""
 
 
-class Listener(NamedTuple):
-    """What to do with progress (a text and the share done, 0 to 1) and with notices (one line each)."""
-
-    progress: Progress = unheard
-    notice: Callable[[str], None] = unheard
-
-
-_listener = ContextVar("listener", default=Listener())  # noqa: B039 - it holds no state
+_listener: ContextVar[tuple[Progress, Notice]] = ContextVar("listener", default=(unheard, unheard))
 
 
 @contextmanager
-def listening(listener: Listener) -> Iterator[None]:
-    """Send progress and notices of the block to ``listener``."""
-    token = _listener.set(listener)
+def listening(progress: Progress, notice: Notice) -> Iterator[None]:
+    """Hand on the progress (a text and the share done, 0 to 1) and the notices (a line each) of the block."""
+    token = _listener.set((progress, notice))
     try:
         yield
     finally:
@@ -37,9 +31,9 @@ def listening(listener: Listener) -> Iterator[None]:
 def progress(text: str, share: float) -> None:
     """Report how far a run is; raises an interrupt that a library swallowed."""
     interrupt.check()
-    _listener.get().progress(text, share)
+    _listener.get()[0](text, share)
 
 
 def notice(text: str) -> None:
     """Report something that is worth a line but is no part of the answer."""
-    _listener.get().notice(text)
+    _listener.get()[1](text)

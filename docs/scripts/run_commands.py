@@ -4,7 +4,8 @@ python docs/scripts/run_commands.py            as printed (some simulate for hou
 python docs/scripts/run_commands.py --quick    simulations of ten minutes, one seed
 python docs/scripts/run_commands.py --quick plan.md report.md      those of some pages
 
-Prints each command with its time; exit status 1 if one fails.
+Prints each command with its time; exit status 1 if one fails.  A command that needs an extra of the package
+which is not installed is said to be left out.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import tempfile
 import textwrap
 import time
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,6 +42,8 @@ ELSEWHERE = {
     "LOG...": "a synopsis",
     "demo": "the demo alone runs for a minute; its steps are all here",
 }
+EXTRAS = {".xlsx": "xlsxwriter"}
+"""Files that only an extra can write, and its package."""
 RUNS = """run,kind,repeats,payload,height,length,speed,end_speed,grade,duration,energy,sigma
 key on,idle,,,,,,,,600,41.6,
 laden lifts,lift,20,2000,2,,,,,,422,
@@ -85,7 +89,7 @@ def prepare(run: object) -> None:
             f"messy/{week}.csv.gz", profile="profile.toml", site="site.toml", recording=False, output=week
         )
     Path("log.jsonl").write_bytes(gzip.decompress(Path("logs/T7_vda5050.jsonl.gz").read_bytes()))
-    shutil.copy("truck.toml", "plant.toml")
+    fleetlog.calibrate("runs.csv", truck="counterbalance-2.5t", output="plant.toml")
     site = "site.toml"
     recorded = fleetlog.read_logs("logs", site=site, output="recorded")
     fleetlog.simulate(like=recorded, truck="truck.toml", duration="10m", output="simulated")
@@ -166,6 +170,12 @@ def main(short: bool, names: list[str]) -> int:
                 if tuple(words) in seen or not ("-o" in words or (shows and any(map(os.path.exists, words)))):
                     continue
                 seen.add(tuple(words))
+                lacks = {
+                    p for end, p in EXTRAS.items() if any(w.endswith(end) for w in words) and not find_spec(p)
+                }
+                if lacks:
+                    print(f"{page.name}: fleetlog {shlex.join(words)}: left out, needs {', '.join(lacks)}")
+                    continue
                 begun = time.monotonic()
                 good, why = run(words)
                 failed += not good

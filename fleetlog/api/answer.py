@@ -6,14 +6,14 @@ import base64
 import html
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fleetlog import scratch
-from fleetlog.api.kinds import PathLike
+from fleetlog.api.inputs import PathLike, files_of
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
 from fleetlog.core.words import count
@@ -121,33 +121,34 @@ class Answer(Result):
 
 @contextmanager
 def destination(
-    output: PathLike | None, kind: str, overwrite: bool = False, inputs: Iterable[Path] = (),
-    folder: bool = True,
-) -> Iterator[Callable[[Answer], Answer]]:  # fmt: skip
+    output: PathLike | None, kind: str, overwrite: bool, read: Iterable[Any], folder: bool = True
+) -> Iterator[Callable[[Answer], Answer]]:
     """Check and hold the place of an output; the function that is given writes an answer there.
 
-    Without ``output`` the answer stays in memory.
+    Without ``output`` the answer stays in memory.  The files among ``read``, arguments, are not written over.
     """
     from fleetlog.store.documents import write_json
     from fleetlog.store.output import atomic_output
 
-    inputs, place = tuple(inputs), None if output is None else Path(output)
+    files = files_of(*read)
     if "://" in str(output):
         raise OutputError("only datasets are written to a URL", where=str(output), do="name a folder")
 
     def keep(answer: Answer) -> Answer:
-        answer.kind, answer.folder, answer.inputs = kind, folder, inputs
-        if target is not None:
-            write = answer.write or partial(write_json, value=answer.summary, indent=1)
-            write(target)
-            answer.output = place
+        answer.kind, answer.folder, answer.inputs = kind, folder, tuple(files)
         return answer
 
-    held: AbstractContextManager[Path | None] = nullcontext()
-    if place is not None:
-        held = atomic_output(place, kind, overwrite=overwrite, folder=folder, inputs=inputs)
-    with held as target:
+    def write(answer: Answer) -> Answer:
+        (answer.write or partial(write_json, value=answer.summary, indent=1))(target)
+        answer.output = place
+        return keep(answer)
+
+    if output is None:
         yield keep
+        return
+    place = Path(output)
+    with atomic_output(place, kind, overwrite=overwrite, folder=folder, inputs=files) as target:
+        yield write
 
 
 def write_folder(result: Result, site: Site, folder: Path) -> None:
@@ -176,19 +177,18 @@ def dataset_answer(
     )  # fmt: skip
 
 
-class Tables(dict[str, "pd.DataFrame"]):
+class Tables(dict[str, Any]):
     """The Parquet tables of a folder by name, read when asked for."""
 
     def __init__(self, folder: Path) -> None:
-        self._files = {p.stem: p for p in sorted(folder.glob("*.parquet"))}
-        super().__init__(dict.fromkeys(self._files))  # type: ignore[arg-type]
+        super().__init__({p.stem: p for p in sorted(folder.glob("*.parquet"))})
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         import pandas as pd
 
-        if super().__getitem__(name) is None:
-            self[name] = pd.read_parquet(self._files[name])
-        return super().__getitem__(name)
+        if isinstance(super().__getitem__(name), Path):
+            self[name] = pd.read_parquet(super().__getitem__(name))
+        return super().__getitem__(name)  # type: ignore[no-any-return]
 
     def items(self) -> Any:
         """Names and tables."""

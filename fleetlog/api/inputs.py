@@ -1,23 +1,44 @@
-"""Arguments of the functions of the library as what they hold: datasets, trucks, sites, physics, paths."""
+"""Arguments of the functions of the library: what they may be, and what they hold.
 
-from __future__ import annotations
+To a type checker ``DatasetLike`` and its like are unions of types; to the commands they are values with their
+names in help.
+"""
 
 import os
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
 
 from fleetlog import scratch
-from fleetlog.api.kinds import DatasetLike, PhysicsLike, SiteLike, TruckLike
+from fleetlog.core.arguments import Named
 from fleetlog.errors import InputError
 from fleetlog.listening import notice
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from fleetlog.api.answer import Answer
     from fleetlog.core.network import Network
     from fleetlog.core.site import Site
     from fleetlog.core.truck import Truck
     from fleetlog.physics.power import Physics
     from fleetlog.store import Dataset
+else:
+    Answer = DataFrame = Dataset = Network = Physics = Site = Truck = (
+        Any  # nothing heavy is imported for them
+    )
+
+PathLike: TypeAlias = Annotated[str | os.PathLike[str], Named("PATH", path=True)]
+TableLike: TypeAlias = Annotated[PathLike | DataFrame, Named("FILE", path=True)]
+TruckLike: TypeAlias = Annotated[PathLike | Truck | Answer, Named("TRUCK", path=True)]
+SiteLike: TypeAlias = Annotated[PathLike | Site, Named("FILE", path=True)]
+PhysicsLike: TypeAlias = Annotated[PathLike | Physics | Answer, Named("PATH", path=True)]
+LogsLike: TypeAlias = Annotated[TableLike | Sequence[TableLike], Named("LOG", path=True, many=True)]
+DatasetLike: TypeAlias = Annotated[PathLike | Dataset | Answer | DataFrame, Named("DATASET", path=True)]
+Datasets: TypeAlias = DatasetLike | Sequence[DatasetLike]
+DatasetsLike: TypeAlias = Annotated[Datasets, Named("DATASET", path=True, many=True)]
+MeasurementsLike: TypeAlias = Annotated[Datasets, Named("MEASUREMENTS", path=True, many=True)]
 
 
 def as_dataset(value: DatasetLike) -> Dataset:
@@ -126,3 +147,10 @@ def _written(frame: Any, name: str) -> Path:
     write = plain.to_csv if name.endswith(".csv") else plain.to_parquet
     write(file, index=False)
     return file
+
+
+LOADED: dict[str, tuple[str, Callable[..., Any]]] = {
+    "Dataset": ("DATASET", as_dataset), "Truck": ("TRUCK", as_truck), "Site": ("FILE", as_site),
+    "Physics": ("PATH", as_physics),
+}  # fmt: skip
+"""Types that an analysis takes: their name in help, and how one is loaded; physics for a truck and a map."""

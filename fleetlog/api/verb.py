@@ -15,11 +15,11 @@ from functools import cache, update_wrapper
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from fleetlog import engines
+from fleetlog.api.inputs import LOADED
 from fleetlog.core.arguments import Between, Named, PartOf
 from fleetlog.errors import ArgumentError, nearest
 
 F = TypeVar("F", bound=Callable[..., Any])
-Fill = Callable[[dict[str, Any]], dict[str, Any]]
 SHARED = {
     "dataset": "A dataset: its folder; in Python also a Dataset, a Result or a DataFrame.",
     "site": "Site file, or a road map directly.",
@@ -33,8 +33,6 @@ SHARED = {
     "scheduler": "Address of a Dask cluster, tcp://HOST:PORT.",
 }
 """Options that several functions have, described once; a docstring of one's own goes first."""
-LOADED = {"Dataset": "DATASET", "Truck": "TRUCK", "Site": "FILE", "Physics": "PATH"}
-"""Types that an analysis takes, and that the library loads for it from a path."""
 TITLE = r"\n[^\n]+\n-+\n"  # Of a section of a docstring
 REQUIRED = inspect.Parameter.empty
 
@@ -101,9 +99,8 @@ def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> 
     if get_origin(kind) is tuple:
         kind, inner = _peeled(get_args(kind)[0])
         check = check or inner
-    loaded = LOADED.get(getattr(kind, "__name__", ""))
-    if loaded is not None:
-        check = check or Named(loaded, path=True)
+    if (loaded := LOADED.get(getattr(kind, "__name__", ""))) is not None:
+        check = check or Named(loaded[0], path=True)
     check = check or (Between(whole=kind is int) if kind in (int, float) else Named())
     choices = tuple(get_args(kind)) if get_origin(kind) is Literal else ()
     if isinstance(check, PartOf):
@@ -152,11 +149,14 @@ JOBS = (
 """Where jobs run."""
 
 
+Fill = Callable[[dict[str, Any], dict[str, Option]], dict[str, Any]]
+
+
 class Verb:
     """A callable with checked arguments.
 
-    ``fill`` adds arguments to those that were given (a file's, say).  ``added`` are options that the function
-    does not take itself.
+    ``fill`` takes what was given and the options by name, and adds arguments (a file's, say).  ``added`` are
+    options that the function does not take itself.
     """
 
     def __init__(
@@ -195,7 +195,7 @@ class Verb:
             raise TypeError(f"{self.name}() has no argument {name!r}; {nearest(name, known)}")
         given = self.__signature__.bind_partial(*args, **options).arguments
         if self.fill is not None:
-            given = self.fill(given)
+            given = self.fill(given, known)
         for option in known.values():
             if option.default is REQUIRED and option.name not in given:
                 raise ArgumentError(f"{option.spelling} is missing")

@@ -10,7 +10,6 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
-from click.shell_completion import CompletionItem
 
 import fleetlog
 from fleetlog import VERBS
@@ -87,9 +86,9 @@ def _parameter(option: Option, verb: Verb) -> click.Parameter:
     # What a file may fill in is asked for once the file is read.
     required = option.default is REQUIRED and (verb.fill is None or option.positional)
     required = required or (option.name == "output" and verb.name not in OPTIONAL_OUTPUT)
-    kind = click.Choice(option.choices) if option.choices else None
-    complete = _file_names if option.is_path else None
-    more: dict[str, Any] = {"type": kind, "required": required, "shell_complete": complete}
+    of_file = click.Path(readable=False) if option.is_path else None  # for the shell, which completes it
+    kind = click.Choice(option.choices) if option.choices else of_file
+    more: dict[str, Any] = {"type": kind, "required": required}
     if option.positional:
         return click.Argument([option.name], nargs=-1 if option.many else 1, **more)
     names = [option.name, option.spelling, *(["-o"] if option.name == "output" else [])]
@@ -103,11 +102,6 @@ def _parameter(option: Option, verb: Verb) -> click.Parameter:
         default = (",".join(map(str, option.default)) or None) if listed else option.default
         more["default"] = None if default is REQUIRED else default
     return click.Option(names, help=text, multiple=option.many, show_default=True, **more)
-
-
-def _file_names(_context: click.Context, _param: click.Parameter, incomplete: str) -> list[Any]:
-    """What the shell completes by itself."""
-    return [CompletionItem(incomplete, type="file")]
 
 
 def _run(verb: Verb, as_json: bool, quiet: bool, verbose: bool, **values: Any) -> int:

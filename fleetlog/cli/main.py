@@ -7,7 +7,6 @@ import sys
 import warnings
 from contextlib import suppress
 from io import StringIO, TextIOWrapper
-from pathlib import Path
 
 import click
 
@@ -35,7 +34,6 @@ def entry() -> None:
         os.environ.setdefault("RUST_LOG", "off")
         warnings.simplefilter("ignore")
         logging.disable(logging.WARNING)
-    find_place()
     status = _finished(_status())
     interrupt.ignore()
     if status == EXIT_INTERRUPTED:
@@ -59,29 +57,6 @@ def _open_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-
-
-def find_place() -> None:
-    """Set ``NUMBA_CACHE_DIR`` to a folder of this run where numba's own choices cannot be written.
-
-    Its name cannot be foreseen: numba loads what lies in it.
-    """
-    # Path.expanduser raises where there is no home.
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111
-    if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent) or _writable(Path(home)):
-        return
-    from fleetlog import scratch
-
-    os.environ["NUMBA_CACHE_DIR"] = str(scratch.folder())
-
-
-def _writable(folder: Path) -> bool:
-    """Whether ``folder``, or the nearest one above it that exists, can be written."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    # Kernel file systems let the superuser pass the question and then refuse.
-    kernel = folder.parts[:2] in (("/", "proc"), ("/", "sys"))
-    return os.access(folder, os.W_OK | os.X_OK) and not kernel
 
 
 def _finished(status: int) -> int:

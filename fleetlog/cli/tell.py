@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fleetlog.listening import Listener, Progress, listening, unheard
+from fleetlog.listening import Progress, listening, unheard
 
 if TYPE_CHECKING:
     from fleetlog.api.answer import Answer
@@ -26,7 +26,7 @@ def tell(verb: Verb, given: dict[str, Any], *, as_json: bool, quiet: bool, verbo
     how: AbstractContextManager[Progress] = nullcontext(_steps() if verbose else unheard)
     if not (verbose or quiet) and sys.stderr.isatty():
         how = _bar(verb.name)
-    with how as progress, listening(Listener(progress, unheard if quiet and not verbose else notice)):
+    with how as progress, listening(progress, unheard if quiet and not verbose else notice):
         answer: Answer = verb(**given)
     try:
         _print(answer, as_json, quiet)

@@ -9,12 +9,14 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any
 
 from fleetlog.errors import nearest
 from fleetlog.registry import part_lines
 
 UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 LONGEST = 366 * 86400.0  # Of a duration [s]
 
 
@@ -99,6 +101,17 @@ def seconds(value: Any) -> float:
     return duration
 
 
+def moment(value: Any) -> int:
+    """``2026-01-05T06:00``, UTC unless it says otherwise, as microseconds since 1970."""
+    try:
+        time = datetime.fromisoformat(str(value))
+    except ValueError:
+        time = datetime.min
+    if not 1970 <= time.year < 2200:
+        raise ValueError(f"{value!r} is no time between the years 1970 and 2200; write 2026-01-05T06:00")
+    return (time.replace(tzinfo=time.tzinfo or UTC) - EPOCH) // timedelta(microseconds=1)
+
+
 def hour_range(value: Any) -> tuple[int, int]:
     """``6-14``, or a pair: from one hour of the day to another, which is excluded."""
     try:
@@ -137,6 +150,7 @@ def count_or_range(value: Any) -> int | str:
     return text
 
 
+Moment = Annotated[int | str, Named(check=moment)]
 Duration = Annotated[float | str, Named("DURATION", check=seconds)]
 HourRange = Annotated[tuple[int, int], Named("FROM-TO", check=hour_range)]
 ShiftHours = Annotated[tuple[int, ...], Named("HOURS", check=shift_hours)]

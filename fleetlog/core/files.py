@@ -9,10 +9,6 @@ from fleetlog.errors import InputError
 
 WHOLE = 1 << 28  # Bytes of a map that is held whole
 SETTINGS = 1 << 24  # Bytes of a file of settings (TOML)
-_KINDS = {
-    stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}  # fmt: skip
 
 
 def open_regular(path: Path, error: type[InputError] = InputError) -> BinaryIO:
@@ -22,10 +18,10 @@ def open_regular(path: Path, error: type[InputError] = InputError) -> BinaryIO:
     except (OSError, ValueError) as problem:
         why = getattr(problem, "strerror", None) or str(problem)
         raise error(why, where=path, do="check the name and the rights") from None
-    kind = stat.S_IFMT(os.fstat(handle).st_mode)
-    if kind != stat.S_IFREG:
+    mode = os.fstat(handle).st_mode
+    if not stat.S_ISREG(mode):
         os.close(handle)
-        what = _KINDS.get(kind, "something else")
+        what = "a folder" if stat.S_ISDIR(mode) else "a pipe, a socket or a device"
         raise error(f"is {what}, not a regular file", where=path, do="save what it gives to a file first")
     return os.fdopen(handle, "rb")
 

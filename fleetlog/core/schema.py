@@ -5,6 +5,7 @@ used, or raises :class:`Wrong` with what was expected.
 """
 
 import math
+import sys
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
@@ -42,15 +43,11 @@ def real(low: float = -math.inf, high: float = math.inf, unit: str = "") -> Chec
     def check(value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise Wrong("is not a number")
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
+        if not abs(value) <= sys.float_info.max:
             raise Wrong("is not a finite number")
-        if not low <= number <= high:
+        if not low <= value <= high:
             raise Wrong(f"is outside {low:g} to {high:g} {'' if unit == '1' else unit}".rstrip())
-        return number
+        return float(value)
 
     return check
 

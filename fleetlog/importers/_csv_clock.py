@@ -96,7 +96,7 @@ class Clock:
         time, _ = _times.from_iso(sample)
         if (time != _times.NONE).any():
             return "iso"
-        do = "state its format in a profile: [time] format = '%d.%m.%Y %H:%M:%S'"
+        do = "state its format in a profile (--profile FILE.toml), as [time] format = '%d.%m.%Y %H:%M:%S'"
         shown = str(sample[0])[:60]
         raise FormatError(f"times as {shown!r} can be read in several ways", where=self.path, do=do)
 

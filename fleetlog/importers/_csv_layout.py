@@ -75,11 +75,11 @@ def lay_out(names: list[str], profile: Profile, report: ReadReport) -> Fields:
     fields = fields_of(names, profile, report, _split_time(names, profile, report))
     seen = ", ".join(names[:12]) + (" ..." if len(names) > 12 else "")
     if not fields.time:
-        do = "name it in a profile: [time] column = ..."
+        do = "name it in a profile (--profile FILE.toml): [time] column = ..."
         raise FormatError(f"no time among the columns ({seen})", where=report.path, do=do)
     if not fields.columns.keys() & KINDS.keys():
         what = f"no known column beside the time ({seen})"
-        raise FormatError(what, where=report.path, do="map the columns in a profile")
+        raise FormatError(what, where=report.path, do="map the columns in a profile (--profile FILE.toml)")
     return fields
 
 

@@ -139,7 +139,7 @@ class Walk(ABC):
             verb = "is" if missing == 1 else "are"
             self.say(f"{count(missing, 'message')} that the file counts {verb} not in it")
         if self._damages:
-            share = f"of {expected:,}" if expected else "before and between"
+            share = f"of {expected:,}" if 0 < expected >= self.count else "outside of the damage"
             self.report.damaged(f"{count(self.count, 'message')} {share} are whole")
 
     def say(self, text: str) -> None:

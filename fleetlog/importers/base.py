@@ -171,6 +171,8 @@ def detect(path: Path) -> Importer:
     importer = find(path)
     if importer is None:
         do = f"name it with --format: {', '.join(sorted(importers()))}"
+        if path.suffix.lower() in (".xlsx", ".xls", ".ods"):
+            do = "save its sheet as CSV"
         raise FormatError(f"no log format fits ({_looks(path)})", where=path, do=do)
     return importer
 

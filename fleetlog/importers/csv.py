@@ -92,7 +92,8 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
 
 def _check_header(names: list[str], path: Path, line: int) -> None:
     if len(names) < 2:
-        what, do = f"one column only ({names[0][:60]!r})", "state the delimiter in a profile"
+        what = f"one column only ({names[0][:60]!r})"
+        do = "state the delimiter in a profile (--profile FILE.toml), or skip_lines where this is no header"
         raise FormatError(what, where=path, place=f"line {line}", do=do)
     if sum(finite(name) == finite(name) for name in names) > len(names) // 3:
         do = 'name the columns in a profile: names = ["vehicle_id", ...]'

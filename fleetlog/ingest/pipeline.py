@@ -109,7 +109,7 @@ def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:
         return
     where = logs[0].path if len(logs) == 1 else f"{logs[0].path} and {len(logs) - 1} more"
     if rows:
-        do = "map latitude and longitude, or x and y, in a profile"
+        do = "map latitude and longitude, or x and y, in a profile (--profile FILE.toml)"
         raise InputError("no position in the log", where=where, do=do)
     counts = sum((r.rejects.rows for r in reads), Counter[str]())
     why = f" (refused {_reasons(dict(counts.most_common(3)))})" if counts else ""

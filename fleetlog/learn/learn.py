@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
 from fleetlog.core.site import Frame, Site
+from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import SIDE, Cells, gather, moving
 from fleetlog.learn.compare import proposals, sentence
@@ -141,11 +142,11 @@ def _result(
         "proposals": lacking,
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
-    what = "{roads} roads, {oneway} of them one-way, {nodes} nodes, {length_m:,.0f} m of directed edges"
     lines = [
-        what.format(**summary),
-        f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
-        f"{len(places)} places{told}; {len(site.zones)} slow zones",
+        f"{count(summary['roads'], 'road')}, {summary['oneway']} of them one-way, "
+        f"{count(summary['nodes'], 'junction')}, {summary['length_m']:,.0f} m of directed edges",
+        f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows are on these roads",
+        f"{count(len(places), 'place')}{told}; {count(len(site.zones), 'slow zone')}",
         *map(sentence, lacking[:8]),
     ]
     if len(lacking) > 8:

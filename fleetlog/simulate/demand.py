@@ -8,6 +8,7 @@ import numpy as np
 
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
+from fleetlog.core.words import count
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.doors import recorded_stands
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
@@ -102,12 +103,12 @@ def like(
     turns = recorded_turns(dataset, site.roads())
     site = replace(site, network=with_turns(site.roads(), turns))
     kinds = ", ".join(f"{n} {k}" for k, n in table.kind.value_counts().items())
-    notes = [f"{len(table)} places mined from {len(stands)} stops ({kinds})"]
+    notes = [f"{len(table)} places found from {len(stands)} recorded stops ({kinds})"]
     if turns:
-        notes.append(f"trucks turn round at the end of {len(turns)} lanes, as recorded")
+        notes.append(f"trucks turn round at the end of {count(len(turns), 'lane')}, as recorded")
     visits = visits_of(stands, cluster, names, [p.id for p in site.places if p.kind == "charge"])
     if same and any(v.next >= 0 for v in visits):
-        notes.append(f"trucks go on as after {len(visits)} recorded visits")
+        notes.append(f"trucks choose their next place as after {count(len(visits), 'recorded visit')}")
         along = recorded_stands(stands, cluster, names)
         return site, Demand(visits=visits, stands=along, endless=False), notes
     known = carried(stands, cluster, names)

@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any
 
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import as_dataset, as_physics, as_truck, files_of
+from fleetlog.api.inputs import LOADED
 from fleetlog.api.verb import JOBS, SHARED, Option, Verb
 from fleetlog.core.arguments import Named
 from fleetlog.errors import ArgumentError, nearest
@@ -28,15 +28,13 @@ class Analysis(Verb):
         """Answer the question; write the answer to ``output`` where one is given."""
         output, overwrite = given.pop("output", None), given.pop("overwrite", False)
         options = {o.name: o for o in self.options}
-        inputs = files_of(*(value for name, value in given.items() if options[name].is_path))
-        loads: dict[str, Callable[[Any], Any]] = {
-            "Dataset": as_dataset, "Truck": as_truck,
-            "Physics": lambda value: as_physics(value, given["truck"], given["dataset"].site.network),
-        }  # fmt: skip
-        with destination(output, "analysis", overwrite, inputs) as keep:
-            for kind, load in loads.items():  # physics last: they are read for a truck and a map
+        read = [value for name, value in given.items() if options[name].is_path]
+        with destination(output, "analysis", overwrite, read) as keep:
+            for kind, (_, load) in LOADED.items():
                 of_kind = [n for n in given if getattr(options[n].type, "__name__", "") == kind]
-                given |= {n: load(given[n]) for n in of_kind if given[n] is not None}
+                for name in (n for n in of_kind if given[n] is not None):
+                    whose = (given["truck"], given["dataset"].site.network) if kind == "Physics" else ()
+                    given[name] = load(given[name], *whose)
             return keep(Answer.of(self.function(**given), given["dataset"].site))
 
 

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import cast
 
+from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import as_csv, as_physics, as_truck, files_of
-from fleetlog.api.kinds import DatasetLike, MeasurementsLike, PathLike, PhysicsLike, TruckLike
+from fleetlog.api.inputs import DatasetLike, MeasurementsLike, PathLike, PhysicsLike, TruckLike
 from fleetlog.api.verb import verb
 
 
@@ -28,11 +28,11 @@ def calibrate(
     from fleetlog.calibrate.fit import calibrate as fitted
     from fleetlog.calibrate.report import lines, summary, truck_toml
 
-    nominal = as_truck(truck)
-    known = None if physics is None else as_physics(physics, nominal)
-    inputs = files_of(measurements, truck, physics)
-    with destination(output, "calibrated truck", overwrite, inputs, folder=False) as keep:
-        paths = [str(as_csv(m)) for m in cast("Sequence[DatasetLike]", measurements)]
+    nominal = inputs.as_truck(truck)
+    known = None if physics is None else inputs.as_physics(physics, nominal)
+    read = (measurements, truck, physics)
+    with destination(output, "calibrated truck", overwrite, read, folder=False) as keep:
+        paths = [str(inputs.as_csv(m)) for m in cast("Sequence[DatasetLike]", measurements)]
         fit = fitted(paths, nominal, known)
         answer = Answer("calibrate", summary(fit), lines=lines(fit), value=fit)
         answer.write = lambda file: file.write_text(truck_toml(fit), encoding="utf-8")

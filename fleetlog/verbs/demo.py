@@ -9,8 +9,7 @@ from typing import Any
 
 import fleetlog
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import as_path
-from fleetlog.api.kinds import PathLike
+from fleetlog.api.inputs import PathLike, as_path
 from fleetlog.api.verb import verb
 from fleetlog.listening import notice
 from fleetlog.store.output import atomic_output
@@ -20,8 +19,8 @@ Step = tuple[str, str, tuple[Any, ...], dict[str, Any]]
 WHERE = {
     "recorded": "the replay: fleetlog view",
     "simulated": "the simulated fleet: fleetlog view",
-    "diagnosis/report.html": "what the model leaves out, for a person: a browser",
-    "density/density.png": "where trucks crowd: a picture",
+    "diagnosis/report.html": "which physics the model lacks: a browser",
+    "density/density.png": "where trucks delay each other: a picture",
 }
 
 
@@ -71,25 +70,23 @@ def _data(target: Path, overwrite: bool) -> Answer:
 def steps(sample: Path) -> Iterator[Step]:
     """What the demo does; outputs are names in the folder that it works in."""
     site, truck = sample / "site.toml", sample / "truck.toml"
-    logs = tuple(sorted((sample / "logs").iterdir()))
     again = {"site": site, "truck": truck, "like": "recorded", "seed": 1}
-    recorded = {"truck": truck, "output": "diagnosis"}
-    mission = {**again, "same_mission": True, "physics": "diagnosis/model.toml", "output": "resimulated"}
     fleet = {**again, "vehicles": 8, "duration": "30m", "output": "simulated"}
+    mission = {**again, "same_mission": True, "physics": "diagnosis/model.toml", "output": "resimulated"}
     after = {"truck": truck, "against": "resimulated", "output": "after"}
-    imported = {"site": site, "output": "recorded"}
-    yield "Logs of eight trucks in five formats become one dataset", "import", (logs,), imported
-    yield "Where trucks crowd", "analyze density", ("recorded",), {"output": "density"}
-    yield "Where chargers belong", "analyze chargers", ("recorded",), {"k": 2, "output": "chargers"}
+    imported, recorded = {"site": site, "output": "recorded"}, ("recorded",)
+    yield "Five logs of eight trucks become one dataset", "import", (sample / "logs",), imported
+    yield "Where trucks delay each other", "analyze density", recorded, {"output": "density"}
+    yield "Where chargers belong", "analyze chargers", recorded, {"k": 2, "output": "chargers"}
     yield "A fleet of the same kind, simulated", "simulate", (), fleet
-    yield "What physics does the model leave out?", "diagnose", ("recorded",), recorded
+    yield "Which physics the model lacks", "diagnose", recorded, {"truck": truck, "output": "diagnosis"}
     yield "The recorded trips again, with what was found", "simulate", (), mission
-    yield "Is the mismatch gone?", "diagnose", ("recorded",), after
+    yield "Is the mismatch gone?", "diagnose", recorded, after
 
 
 def command_line(name: str, given: tuple[Any, ...], options: dict[str, Any]) -> str:
     """What a person would type, with the folder of the sample data as SAMPLE."""
-    words = [*name.split(), *(str(v) for g in given for v in (g if isinstance(g, tuple) else (g,)))]
+    words = [*name.split(), *map(str, given)]
     for option, value in options.items():
         spelled = "o" if option == "output" else option.replace("_", "-")
         words.append(f"{'-' if len(spelled) == 1 else '--'}{spelled}")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Literal
 
+from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import as_dataset, as_site, as_truck, files_of
-from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike, TruckLike
+from fleetlog.api.inputs import DatasetLike, PathLike, SiteLike, TruckLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Names, Seed
 from fleetlog.errors import EXIT_DONE, EXIT_INPUT, ArgumentError, nearest
@@ -59,10 +59,10 @@ def diagnose(
         (folder / "report.html").write_text(diagnosis_page(found, place), encoding="utf-8")
         write_result_recording(as_result(found), place, folder / "recording.rrd")
 
-    recording, nominal = as_dataset(dataset), as_truck(truck)
-    given = None if site is None else as_site(site)
-    simulated = None if against is None else as_dataset(against)
-    with destination(output, "diagnosis", overwrite, files_of(dataset, truck, site, against)) as keep:
+    recording, nominal = inputs.as_dataset(dataset), inputs.as_truck(truck)
+    given = None if site is None else inputs.as_site(site)
+    simulated = None if against is None else inputs.as_dataset(against)
+    with destination(output, "diagnosis", overwrite, (dataset, truck, site, against)) as keep:
         found = diagnosed(
             recording, nominal, site=given, against=simulated, channels=channels, terms=terms,
             holdout=holdout, seed=seed, progress=lambda step: progress(step, 0.0),

@@ -3,8 +3,7 @@
 from typing import Annotated
 
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import as_dataset, as_path
-from fleetlog.api.kinds import DatasetLike, PathLike
+from fleetlog.api.inputs import DatasetLike, PathLike, as_dataset, as_path
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import PartOf
 

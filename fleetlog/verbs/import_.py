@@ -5,8 +5,7 @@ from typing import Annotated, Any, cast
 
 from fleetlog import scratch
 from fleetlog.api.answer import Answer, dataset_answer
-from fleetlog.api.inputs import as_path, as_site, existing, files_of
-from fleetlog.api.kinds import LogsLike, PathLike, SiteLike
+from fleetlog.api.inputs import LogsLike, PathLike, SiteLike, as_path, as_site, existing, files_of
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between, PartOf
 from fleetlog.errors import ArgumentError

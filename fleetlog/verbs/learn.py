@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import as_dataset, as_site, files_of
-from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike
+from fleetlog.api.inputs import DatasetLike, PathLike, SiteLike, as_dataset, as_site
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between
 
@@ -39,7 +38,7 @@ def learn(
         write_picture(result, found, folder / "learn.png")
 
     settings = Settings(lane, spur, min_passes)
-    with destination(output, "site", overwrite, files_of(dataset, site)) as keep:
+    with destination(output, "site", overwrite, (dataset, site)) as keep:
         known = None if site is None else as_site(site)
         found, result = learned(as_dataset(dataset), site=known, settings=settings, min_visits=min_visits)
         return keep(Answer.of(result, found, kind="site", value=found, write=write))

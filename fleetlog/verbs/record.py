@@ -3,8 +3,7 @@
 from typing import Annotated
 
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import as_path
-from fleetlog.api.kinds import PathLike
+from fleetlog.api.inputs import PathLike, as_path
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between, Named
 from fleetlog.listening import notice

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import cast
 
+from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import as_dataset, as_path, as_truck, existing, files_of
-from fleetlog.api.kinds import DatasetLike, DatasetsLike, PathLike, TruckLike
+from fleetlog.api.inputs import DatasetLike, DatasetsLike, PathLike, TruckLike
 from fleetlog.api.verb import verb
 
 
@@ -33,14 +33,14 @@ def report(
     from fleetlog.report.report import report as reported
     from fleetlog.report.tables import held
 
-    opened = [as_dataset(d) for d in cast("Sequence[DatasetLike]", datasets)]
-    model = None if truck is None else as_truck(truck)
-    prices = None if tariff is None else existing(tariff)
-    inputs = files_of(datasets, truck, tariff)
-    beside = None if tables is None else as_path(tables)
+    opened = [inputs.as_dataset(d) for d in cast("Sequence[DatasetLike]", datasets)]
+    model = None if truck is None else inputs.as_truck(truck)
+    prices = None if tariff is None else inputs.existing(tariff)
+    read = inputs.files_of(datasets, truck, tariff)
+    beside = None if tables is None else inputs.as_path(tables)
     with (
-        destination(output, "report", overwrite, inputs, folder=False) as keep,
-        held(beside, overwrite, inputs) as write_tables,
+        destination(output, "report", overwrite, read, folder=False) as keep,
+        held(beside, overwrite, read) as write_tables,
     ):
         found = reported(opened, truck=model, tariff=prices, timezone=timezone, diagnosis=diagnosis)
         write_tables(found.tables, found.zone)

@@ -6,10 +6,9 @@ from typing import Annotated
 
 from fleetlog import scratch
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import as_path, as_site, existing, files_of
-from fleetlog.api.kinds import DatasetLike, PathLike
+from fleetlog.api.inputs import DatasetLike, PathLike, as_path, as_site, existing, files_of
 from fleetlog.api.verb import verb
-from fleetlog.core.arguments import Between
+from fleetlog.core.arguments import Between, Moment
 from fleetlog.errors import ArgumentError, InputError
 from fleetlog.listening import notice
 
@@ -17,7 +16,7 @@ from fleetlog.listening import notice
 @verb()
 def view(
     path: DatasetLike, *, beside: DatasetLike | None = None, save: PathLike | None = None,
-    screenshot: PathLike | None = None, at: str | None = None,
+    screenshot: PathLike | None = None, at: Moment | None = None,
     rate: Annotated[float, Between(0.01, 100.0)] | None = None, day: str | None = None,
     overwrite: bool = False,
 ) -> Answer:  # fmt: skip
@@ -48,7 +47,6 @@ def view(
 
     if save is not None and beside is None:
         raise ArgumentError("--save goes with --beside")
-    when = None if at is None else viewer.nanoseconds_of(at)
     source, inputs = existing(path), files_of(path, beside)
     if day is not None and not (source / "dataset.json").is_file():
         raise ArgumentError(f"goes with a dataset, and {source} is none", option="--day")
@@ -61,7 +59,7 @@ def view(
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
             rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)
         if picture is not None:
-            viewer.screenshot(rrd, picture, at=when)
+            viewer.screenshot(rrd, picture, at=None if at is None else 1000 * int(at))
         elif kept is None:
             viewer.show(rrd)
     wrote = [str(as_path(p)) for p in (screenshot, save) if p is not None]
@@ -72,10 +70,10 @@ def _drawn(path: Path) -> Path:
     """The recording of a map, a site or a log."""
     from fleetlog.core.result import Result
     from fleetlog.verbs.import_ import import_
-    from fleetlog.verbs.info import describe
+    from fleetlog.verbs.info import describe, told
     from fleetlog.view.results import write_result_recording
 
-    summary, lines = describe(path)
+    summary = describe(path)
     if summary["kind"] == "log":
         return import_(path).dataset.path / "recording.rrd"
     if summary["kind"] not in ("site", "map"):
@@ -83,4 +81,6 @@ def _drawn(path: Path) -> Path:
         raise InputError(what, where=path, do="name a dataset, an analysis, a map, a site or a log")
     site = as_site(path)
     target = scratch.folder() / "site.rrd"
-    return write_result_recording(Result(site.name, {}, lines=[line.strip() for line in lines]), site, target)
+    return write_result_recording(
+        Result(site.name, {}, lines=[line.strip() for line in told(summary)]), site, target
+    )

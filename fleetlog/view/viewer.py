@@ -14,7 +14,6 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -57,18 +56,6 @@ def recording_of(
         say(f"making {recording}")
         write_recording(path, recording, rate_hz=rate_hz or RATE)
     return recording
-
-
-def nanoseconds_of(iso: str) -> int:
-    """Nanoseconds since 1970 of a time in ISO 8601, UTC unless it says otherwise."""
-    import pandas as pd
-
-    try:
-        moment = pd.Timestamp(datetime.fromisoformat(iso))
-    except ValueError:
-        raise InputError(f"--at {iso!r} is no time", do="write it like 2026-03-02T06:01:00") from None
-    utc = moment.tz_localize("UTC") if moment.tzinfo is None else moment
-    return int(utc.as_unit("ns").value)
 
 
 def has_screen() -> bool:

@@ -221,7 +221,9 @@ def test_info_knows_every_kind_of_file(run: Run, shared_data: Path, tmp_path: Pa
     assert run("import", "log.csv", "-o", "out").status == 0
     assert run("info", "out/recording.rrd", "--json").json["kind"] == "recording"
     shown = run("info", "out").out
-    assert "30 of 1 vehicle (a), 1 trip\n" in shown and "(1 day)" in shown
+    assert {"rows 30", "vehicles a 30", "trips 1", "days 1"} <= {
+        " ".join(line.split()) for line in shown.splitlines()
+    }
 
 
 @pytest.mark.parametrize("name", ["aux", "clock", "cornering", "grade", "none", "surface"])
@@ -239,21 +241,3 @@ def test_the_recorded_plants_come_in_whole(run: Run, shared_data: Path, tmp_path
     )
     said = done.json
     assert done.status == 0 and said["rows"] == said["rows_read"] > 40_000 and said["matched"] > 0.99
-
-
-def test_kernels_have_a_place_where_nothing_else_can_be_written(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    from fleetlog.cli import main
-
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    main.find_place()
-    assert "NUMBA_CACHE_DIR" not in os.environ  # a usual installation is left alone
-    monkeypatch.setattr(main, "_writable", lambda _folder: False)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "theirs")
-    main.find_place()
-    assert os.environ["NUMBA_CACHE_DIR"] == "theirs"
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    main.find_place()
-    place = Path(os.environ["NUMBA_CACHE_DIR"])
-    assert place.is_dir() and not list(place.iterdir()) and place.stat().st_mode & 0o077 == 0

@@ -8,7 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from fleetlog.compiling import stamp
+import pytest
+from numba.core.caching import CacheImpl
+
+from fleetlog.compiling import kernel, stamp
 
 KERNEL = """
 from fleetlog.compiling import kernel
@@ -58,3 +61,8 @@ def test_any_file_of_kernels_counts(tmp_path: Path) -> None:
         file.write_text("x = 12\n")
         stamps.append(stamp.__wrapped__(tmp_path))
     assert len(set(stamps)) == 4 and stamps[-1] == stamps[-2]
+
+
+def test_kernels_run_where_nothing_can_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
+    assert kernel()(lambda x: x + 1)(6) == 7

@@ -63,7 +63,7 @@ def test_import_append_analyze_view(bucket, days, project_root, truck, tmp_path)
 
     replay = recording_of(one.path, say=lambda _: None)
     assert replay.stat().st_size > 10_000 and replay.read_bytes()[:4] == b"RRF2"
-    assert "2 days" in run("info", url).output
+    assert "days             2" in run("info", url).output
 
 
 def test_partial_results_are_kept_in_the_bucket(bucket, monkeypatch):

@@ -24,7 +24,7 @@ from fleetlog.importers._open import FREE, open_bytes
 from fleetlog.importers._profile import load_profile
 from fleetlog.importers.base import importers
 from fleetlog.ingest.files import find_logs
-from fleetlog.listening import Listener, listening
+from fleetlog.listening import listening, unheard
 from fleetlog.physics.model import load_physics
 from fleetlog.roads import load_site
 
@@ -380,7 +380,7 @@ def test_files_of_a_folder_that_are_no_logs_are_named(tmp_path: Path) -> None:
     for name, data in (("good.csv", seeds.csv()), ("bad.csv", b"\x1b\x07" * 40), ("empty.csv", b"")):
         put(folder / name, data)
     said: list[str] = []
-    with listening(Listener(notice=said.append)):
+    with listening(unheard, said.append):
         assert judge.imported(folder, tmp_path).status == 0
     assert said == [f"{folder}: 2 files passed over, not of the format of a log: bad.csv, empty.csv"]
 

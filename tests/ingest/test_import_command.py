@@ -102,6 +102,12 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, kind: str) -> Non
     assert [p.name for p in tmp_path.iterdir()] == ["log.csv"]
 
 
+def test_a_workbook_is_to_be_saved_as_csv(tmp_path: Path) -> None:
+    path = tmp_path / "log.xlsx"
+    path.write_bytes(bytes(range(256)))
+    assert "save its sheet as CSV" in fleetlog("import", path, "-o", tmp_path / "out").stderr
+
+
 def test_a_log_of_another_place_is_refused(shared_data: Path, log: Path, tmp_path: Path) -> None:
     site = shared_data / "blind" / "aux" / "site.toml"
     log.write_text(HEADER + rows(100).replace(",49.", ",48."))

@@ -18,7 +18,7 @@ import fleetlog
 from fleetlog.api.verb import Verb
 from fleetlog.cli.commands import OPTIONAL_OUTPUT, TELLING, verb_lines
 from fleetlog.cli.main import cli
-from fleetlog.core.arguments import Between, count_or_range, hour_range, seconds, shift_hours
+from fleetlog.core.arguments import Between, count_or_range, hour_range, moment, seconds, shift_hours
 from fleetlog.verbs.analyze import analyze
 
 HEAVY = {"numpy", "pandas", "pyarrow", "scipy", "numba", "rerun", "matplotlib", "pyproj", "networkx", "click"}
@@ -159,6 +159,11 @@ def test_wrong_arguments_say_what_is_wrong(recorded: fleetlog.Result) -> None:
         (Between(0, 1, above=True), {"0.5": 0.5, 1: 1.0}, ["0", "nan", "inf", "x", None, 1.1]),
         (Between(0, 9, whole=True), {"3": 3, 9: 9, 2.0: 2}, ["1.5", 2.5, "x", -1]),
         (seconds, {"8h": 28800.0, "90m": 5400.0, 600: 600.0, "1.5h": 5400.0}, ["soon", "-1h", "1000000h"]),
+        (
+            moment,
+            {"1970-01-01T01:00:01+01:00": 1_000_000, "1970-01-01T00:00:01": 1_000_000},
+            ["yesterday", "1950-01-01"],
+        ),
         (hour_range, {"6-14": (6, 14), (22, 6): (22, 6)}, ["6", "6-25", "a-b"]),
         (shift_hours, {"22,6,14": (6, 14, 22), (6, 14): (6, 14)}, ["", "24", "x"]),
         (count_or_range, {"8": 8, 8: 8, "6..14": "6..14", "6,8": "6,8"}, ["0", "-1", "many"]),

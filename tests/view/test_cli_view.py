@@ -75,12 +75,6 @@ def test_anything_else_is_one_clear_line(tmp_path: Path, content: bytes | None) 
     assert "\n" not in error.value.line()
 
 
-def test_times(dataset: Path) -> None:
-    assert viewer.nanoseconds_of("2026-03-02T06:00:00") == viewer.nanoseconds_of("2026-03-02T07:00:00+01:00")
-    with pytest.raises(FleetlogError, match="yesterday"):
-        viewer.nanoseconds_of("yesterday")
-
-
 @pytest.mark.skipif(
     viewer.vulkan_missing() is not None, reason=f"the viewer cannot draw here: {viewer.vulkan_missing()}"
 )

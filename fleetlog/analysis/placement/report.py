@@ -98,21 +98,21 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     out = [f"{what} at {listed([*new[:MOST], *more])}."] if new else []
     out += [f"Keep {row.existing} ({row.need} needed)." for row in rows if row.existing]
     out += [
-        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)} of "
-        f"the demand{'' if loading else ', '}{row.need}"
+        f"  {row.site}: {row.existing or row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves "
+        f"{percent(row.served_share)} of the demand{'' if loading else ', '}{row.need}"
         for row in rows
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
     out.append(
-        f"The nearest site is {r['mean']:.1f} {unit} away on average (95 % of the demand: {r['p95']:.1f} "
-        f"{unit}); random sites: {b['random']['mean']:.1f} {unit}, hottest vertices: "
-        f"{b['hottest']['mean']:.1f} {unit}."
+        f"Trucks are {r['mean']:.1f} {unit} from the nearest site on average (95 % of the demand: at most "
+        f"{r['p95']:.1f} {unit}); from random sites {b['random']['mean']:.1f} {unit}, from the busiest "
+        f"junctions {b['hottest']['mean']:.1f} {unit}."
         + (f" This choice is {gap}." if s["method"] == "pmedian" else "")
     )
     if st["runs"]:
         mean, worst = percent(st["mean_kept_share"]), percent(st["worst_kept_share"])
         left = st["left_out"].replace("vehicle", "truck")
-        out.append(f"If one {left} is left out, {mean} of the sites stay (worst case {worst}).")
+        out.append(f"The plan without one {left} keeps {mean} of the sites on average, {worst} at worst.")
     return out + (_check_lines(s["check"]) if "check" in s else []) + [f"Note: {n}." for n in s["notices"]]
 
 

@@ -86,7 +86,7 @@ def unknown(depends_on: Sequence[str], where: dict[str, Any] | None) -> str:
     """Return the sentence of a mismatch that no term explains."""
     what = " and ".join(s for s in (VARIABLES.get(d, d.replace("_", " ")) for d in depends_on) if s)
     at = f" {place(where)}" if where else ""
-    return f"A mismatch that no known term explains follows {what}{at}"
+    return f"A mismatch that no known term explains depends on {what}{at}"
 
 
 def needs(term: str | None, others: Sequence[str]) -> str | None:

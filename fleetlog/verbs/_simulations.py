@@ -1,0 +1,188 @@
+"""What the arguments of ``simulate`` ask for: a fleet, recorded trips again, a test cycle, an experiment."""
+
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from fleetlog import scratch
+from fleetlog.api import inputs
+from fleetlog.api.answer import Answer, dataset_answer, destination
+from fleetlog.core.arguments import moment, seconds
+from fleetlog.core.site import Site
+from fleetlog.errors import ArgumentError, nearest
+from fleetlog.listening import notice, progress
+from fleetlog.physics.battery import battery_of
+from fleetlog.physics.power import Physics, all_terms
+from fleetlog.simulate import demand as demands
+from fleetlog.simulate.cycle import run_cycle, strip
+from fleetlog.simulate.drivers import recorded_drivers
+from fleetlog.simulate.engine import DEFAULT_START, Settings
+from fleetlog.simulate.experiment import experiment, factor
+from fleetlog.simulate.mission import replay
+from fleetlog.simulate.occupancy import Policy
+from fleetlog.simulate.scenario import Scenario, one_more
+from fleetlog.simulate.tasks import Demand, read_tasks
+from fleetlog.store import Dataset, DatasetWriter
+from fleetlog.store.documents import provenance
+
+Asked = SimpleNamespace  # The arguments of :func:`fleetlog.verbs.simulate.simulate`, converted
+Told = tuple[dict[str, Any], list[str]]  # A summary, and the same in sentences
+
+
+def answer(asked: Asked) -> Answer:
+    """Run what is asked for."""
+    read = inputs.files_of(asked.site, asked.truck, asked.like, asked.tasks, asked.physics, asked.experiment)
+    settings = inputs.files_of(asked.site, asked.truck, asked.tasks, asked.physics)
+    like = None if asked.like is None else str(inputs.as_path(asked.like))
+    asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
+    asked.like = None if like is None else inputs.as_dataset(asked.like)
+    _check(asked)
+    asked.site = _site(asked)
+    asked.physics = _physics(asked)
+    if _varies(asked):
+        return _experiment(asked, read)
+    target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
+    create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=read)
+    with create(target, "simulated", asked.site) as writer:
+        writer.provenance = provenance([p for p in settings if p.is_file()], asked.seed, like=like)
+        run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
+        writer.summary, lines = run(asked, writer)
+        if asked.recording:
+            _replay(writer, asked.like)
+    return dataset_answer("simulate", target, target if asked.output else None, writer.summary, lines)
+
+
+def _varies(asked: Asked) -> bool:
+    """Whether more than one run is asked for."""
+    return bool(asked.vary) or asked.runs != 1 or isinstance(asked.vehicles, str)
+
+
+def _check(asked: Asked) -> None:
+    alone = asked.same_mission or asked.cycle
+    nowhere = asked.site is None and asked.like is None and not asked.cycle
+    wrong = {
+        "--same-mission needs the recording; name it with --like": asked.same_mission and asked.like is None,
+        "--together is for recorded missions; add --same-mission and --like":
+            asked.together and not asked.same_mission,
+        "--close is for a fleet: not with --same-mission or --cycle": asked.close and alone,
+        "an experiment is for a fleet: not with --same-mission or --cycle": _varies(asked) and alone,
+        "a simulation needs a site; name one with --site, or a dataset with --like": nowhere,
+    }  # fmt: skip
+    for what in (w for w, so in wrong.items() if so):
+        raise ArgumentError(what)
+
+
+def _site(asked: Asked) -> Site:
+    if asked.cycle:
+        return strip()
+    site: Site = asked.like.site if asked.site is None else inputs.as_site(asked.site)
+    return replace(site, network=site.roads().without(asked.close)) if asked.close else site
+
+
+def _physics(asked: Asked) -> Physics:
+    physics = Physics(asked.truck)
+    if asked.physics is not None:
+        physics = inputs.as_physics(asked.physics, asked.truck, asked.site.network)
+    for name in asked.without:
+        if name not in all_terms():
+            raise ArgumentError(f"unknown term {name!r}", option="--without", do=nearest(name, all_terms()))
+    return replace(physics, off=physics.off | frozenset(asked.without))
+
+
+def _experiment(asked: Asked, read: list[Path]) -> Answer:
+    factors, fleet = [factor(text) for text in asked.vary], asked.vehicles
+    with destination(asked.output, "analysis", asked.overwrite, read) as keep:
+        made = [_scenario(asked, seed) for seed in range(asked.seed, asked.seed + asked.runs)]
+        for note in made[0][1]:
+            notice(note)
+        bases = [scenario for scenario, _ in made]
+        if isinstance(fleet, str) or not factors:
+            factors.insert(0, factor(f"vehicles={fleet or bases[0].settings.vehicles}"))
+        names = [f.name for f in factors]
+        if double := {name for name in names if names.count(name) > 1}:
+            raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", option="--vary")
+        result = experiment(bases, factors, lambda done, total: progress("experiment", done / total))
+        return keep(Answer.of(result, asked.site))
+
+
+def _fleet(asked: Asked, writer: DatasetWriter) -> Told:
+    scenario, notes = _scenario(asked, asked.seed)
+    summary = scenario.write(writer, _told)
+    if asked.shadow:
+        summary.one_more = one_more(scenario, summary)
+    for note in (*notes, *summary.notes):
+        notice(note)
+    return {**summary.to_dict(), "notes": [*notes, *summary.notes]}, summary.lines()
+
+
+def _told(done: float, total: float) -> None:
+    progress("simulating", done / total)
+
+
+def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
+    """What the arguments ask for, with one seed; and notes on it."""
+    site, truck, like = asked.site, asked.truck, asked.like
+    # Where the size of the fleet varies, the tasks are those of the recorded fleet.
+    recorded = len(like.vehicles) if like else 8
+    vehicles = asked.vehicles if isinstance(asked.vehicles, int) else recorded
+    start, demand, notes, driven = _start(asked), Demand(), list[str](), truck
+    own = {p.id for p in site.places}
+    if like is not None:
+        # Another fleet than the recorded one shares the tasks in its own way.
+        same = vehicles == recorded and not _varies(asked)
+        driven = recorded_drivers(like, truck) if same else truck
+        site, demand, notes = demands.like(like, site, truck, vehicles, start, asked.duration, seed, same)
+    if asked.tasks is not None:
+        demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed), endless=False)
+    battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
+    settings = Settings(
+        vehicles, asked.duration, asked.step, 1.0 / (asked.rate or 1e-9), start, seed, asked.soc,
+        asked.temperature, Policy.named(asked.policy, asked.charge_below), battery,
+    )  # fmt: skip
+    mined = frozenset(p.id for p in site.places) - own
+    return Scenario(site, driven, settings, demand, asked.physics, mined), notes
+
+
+def _mission(asked: Asked, writer: DatasetWriter) -> Told:
+    writer.site = asked.like.site
+    summary = replay(asked.like, asked.truck, writer, asked.physics, _told, asked.together)
+    lines = [
+        f"{summary.trips} trips of {summary.vehicles} trucks driven again, {summary.rows} rows",
+        f"simulated / recorded: distance {summary.distance_ratio:.3f}, driving {summary.duration_ratio:.3f}, "
+        f"energy {summary.energy_ratio:.3f}",
+    ]
+    if summary.own_path:
+        lines.append(f"{summary.own_path} trips follow their recorded positions: they are not on the roads")
+    if summary.lost_share is not None:
+        lines.append(f"traffic: {100.0 * summary.lost_share:.1f} % of the travel time lost to other trucks")
+    return {k: v for k, v in asdict(summary).items() if v is not None}, lines
+
+
+def _cycle(asked: Asked, writer: DatasetWriter) -> Told:
+    watts = run_cycle(
+        asked.cycle, asked.truck, asked.duration, writer, asked.physics, _start(asked), asked.soc
+    )
+    line = f"{asked.cycle}: {watts / 1000.0:.3f} kWh/h at the battery"
+    return {"cycle": asked.cycle, "mean_power_w": watts}, [line]
+
+
+def _start(asked: Asked) -> int:
+    """When it begins [us since 1970]."""
+    if asked.start is not None:
+        return int(asked.start)
+    return DEFAULT_START if asked.like is None else moment(asked.like.meta["start"])
+
+
+def _replay(writer: DatasetWriter, recorded: Dataset | None) -> None:
+    """The recording of the simulation; beside the recorded fleet, where there is one to compare it with."""
+    from fleetlog.view.comparison import write_comparison
+    from fleetlog.view.recording import write_recording
+
+    writer.finish()
+    target = writer.path / "recording.rrd"
+    if recorded is None:
+        write_recording(writer.path, target)
+    else:
+        write_comparison(recorded.path, writer.path, target)
