@@ -18,9 +18,9 @@ from fleetlog.analysis.placement.demand import Unit, day_of
 from fleetlog.analysis.placement.plan import Demand, Method, Question, Variant, choose, stability, weigh
 from fleetlog.analysis.placement.report import lines_of, site_table, summarise, vertex_table
 from fleetlog.core.arguments import Between, Count, Duration, Seed, seconds
+from fleetlog.core.arrays import Ints
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, Grid, Marks, Result, Shape
-from fleetlog.core.trajectory import Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import ArgumentError, DataError, nearest
 from fleetlog.simulate.engine import Settings

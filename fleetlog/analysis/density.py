@@ -14,9 +14,9 @@ from fleetlog.analysis.clusters.areas import BIN, PLACES, Watched
 from fleetlog.analysis.clusters.steps import Crowds, Rule, as_figures, find_crowds, together
 from fleetlog.analysis.clusters.tracking import episodes
 from fleetlog.core.arguments import Between
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
-from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset

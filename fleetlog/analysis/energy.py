@@ -12,8 +12,8 @@ import pandas as pd
 from fleetlog.analysis.energybook import tables as of
 from fleetlog.analysis.energybook.book import BIN, Book, gathered, keep_book
 from fleetlog.core.arguments import ShiftHours
+from fleetlog.core.arrays import Floats
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
-from fleetlog.core.trajectory import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError

@@ -9,14 +9,13 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.occupancy import maps
 from fleetlog.analysis.occupancy.maps import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
-from fleetlog.core.trajectory import Floats
 from fleetlog.core.words import count, listed, percent
 from fleetlog.errors import ArgumentError, DataError
 from fleetlog.store import Dataset
@@ -146,7 +145,7 @@ def _lines(s: dict[str, Any]) -> list[str]:
     return out
 
 
-def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple[Floats, NDArray[np.bool_]]:
+def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple[Floats, Mask]:
     """Share of time per cell, a minus b, and where it is significant.
 
     Each unit (vehicle-day) of either map is resampled whole; a cell counts where its difference lies outside

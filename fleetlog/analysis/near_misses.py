@@ -16,8 +16,9 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.core.arguments import Between
+from fleetlog.core.arrays import Floats
 from fleetlog.core.result import Marks, Result
-from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.words import count
 from fleetlog.store import Dataset
 

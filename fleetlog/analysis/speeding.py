@@ -7,9 +7,10 @@ import pandas as pd
 
 from fleetlog.analysis.utilisation import joined_days, stamps
 from fleetlog.core.arguments import Between, Share
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Floats, Ints, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 

@@ -18,10 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.schema import anything, list_of, load_toml, one_of, real, table, text, whole
-from fleetlog.core.trajectory import Floats
 from fleetlog.errors import InputError
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
@@ -70,7 +69,7 @@ def load_tariff(path: str | Path) -> Tariff:
     return Tariff(price, co2, **known)
 
 
-def _hours(begin: int, end: int, days: list[int]) -> NDArray[np.bool_]:
+def _hours(begin: int, end: int, days: list[int]) -> Mask:
     """(7, 24) the hours of a period that begins on each of ``days``."""
     length = (end - begin) % 24 or 24
     hours = np.add.outer(24 * np.array(days), begin + np.arange(length)) % (7 * 24)

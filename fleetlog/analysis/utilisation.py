@@ -17,10 +17,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.result import Bars, Result
-from fleetlog.core.trajectory import Floats, Ints, Labels, Trajectory, concatenate
+from fleetlog.core.trajectory import Labels, Trajectory, concatenate
 from fleetlog.core.words import listed, percent
 from fleetlog.errors import DataError
 from fleetlog.simulate.places import MIN_CHARGE
@@ -52,8 +52,6 @@ QUARTER = 900_000_000
 MOST_QUARTERS = 4_000_000  # Of all vehicles together: a hundred vehicles for a year
 
 NO_TIME = "No truck has two rows: there is no time to divide."
-Codes = Ints
-Mask = NDArray[np.bool_]
 
 
 def utilisation(dataset: Dataset) -> Result:
@@ -126,12 +124,12 @@ def intervals(t: Trajectory) -> pd.DataFrame:
     return pd.DataFrame({"vehicle_id": t.vehicle_id, "state": named, "start": starts, "end": stamps(ends)})
 
 
-def stamps(time: Codes) -> pd.DatetimeIndex:
+def stamps(time: Ints) -> pd.DatetimeIndex:
     """Times [us] as a table holds them."""
     return pd.to_datetime(time, unit="us", utc=True).as_unit("us")
 
 
-def row_states(t: Trajectory) -> Codes:
+def row_states(t: Trajectory) -> Ints:
     """(N,) index into ``STATES`` of the time from each row to the next."""
     number = {s: i for i, s in enumerate(STATES)}
     still = np.nan_to_num(t.floats("speed")) <= STANDING_SPEED

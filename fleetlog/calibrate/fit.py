@@ -19,11 +19,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.calibrate.observe import Observations, observations, together
 from fleetlog.calibrate.parameters import UNKNOWNS, Unknown
-from fleetlog.core.motion import Floats
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics
 
@@ -148,7 +147,7 @@ class _Problem:
     def misfit(self, z: Floats) -> Floats:
         return np.asarray((self.predict(z) - self.observed.measured) / self.observed.sigma)
 
-    def solve(self, free: NDArray[np.bool_]) -> Floats:
+    def solve(self, free: Mask) -> Floats:
         """The optimum with all but the free numbers at their prior."""
         from scipy.optimize import least_squares
 
@@ -179,9 +178,7 @@ class _Problem:
             columns.append((self.misfit(up) - self.misfit(down)) / (up - down)[axis])
         return np.stack(columns, axis=1)
 
-    def estimates(
-        self, z: Floats, remaining: Floats, alone: Floats, free: NDArray[np.bool_]
-    ) -> tuple[Estimate, ...]:
+    def estimates(self, z: Floats, remaining: Floats, alone: Floats, free: Mask) -> tuple[Estimate, ...]:
         """The numbers; ``remaining``, ``alone``: posterior variances with the held ones unknown and known."""
         from scipy.stats import norm
 
@@ -194,7 +191,7 @@ class _Problem:
         return tuple(map(Estimate, UNKNOWNS, *columns))
 
 
-def _telling(jacobian: Floats) -> NDArray[np.bool_]:
+def _telling(jacobian: Floats) -> Mask:
     """(K,) the numbers of which the runs say more than the prior, given those that they say most of."""
     from scipy.linalg import qr
 
@@ -203,7 +200,7 @@ def _telling(jacobian: Floats) -> NDArray[np.bool_]:
     return np.isin(np.arange(len(order)), order[: len(diagonal)][diagonal >= LEAST_INFORMATION])
 
 
-def _blind(jacobian: Floats, free: NDArray[np.bool_]) -> list[Blind]:
+def _blind(jacobian: Floats, free: Mask) -> list[Blind]:
     """For each held number the free ones that hide its effect: the least-squares x of J_free x = -J_held."""
     basis, out = np.flatnonzero(free), []
     for k in np.flatnonzero(~free):

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from fleetlog.calibrate.runs import Run, coast_time, read_runs
-from fleetlog.core.motion import Floats, Motion, join
+from fleetlog.core.arrays import Floats
+from fleetlog.core.motion import Motion, join
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, InputError
 from fleetlog.physics.power import Physics, battery_power, ledger, term_forces

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.schema import Keys, Wrong, list_of, real, table, text
 from fleetlog.core.site import Frame, MapFrame
 from fleetlog.errors import InputError
@@ -32,7 +33,7 @@ def _to_geographic(name: str) -> Any:
     return Transformer.from_crs(name, "EPSG:4326", always_xy=True)
 
 
-def geographic(name: str, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def geographic(name: str, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     """Latitude, longitude [degrees] of coordinates of a reference system; NaN where it does not reach."""
     longitude, latitude = _to_geographic(name).transform(np.asarray(x, float), np.asarray(y, float))
     known = np.isfinite(longitude) & np.isfinite(latitude)

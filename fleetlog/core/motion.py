@@ -6,9 +6,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fleetlog.core.arrays import Floats, Index, Ints
 
 
 @dataclass(frozen=True)
@@ -27,12 +26,12 @@ class Motion:
     fork_height: Floats  # m
     x: Floats  # m in the site frame
     y: Floats
-    edge: NDArray[np.int32]  # index into the network's edges, -1 off the map
+    edge: Index  # index into the network's edges, -1 off the map
     edge_offset: Floats  # m along the edge
     ambient_temperature: Floats  # degC, NaN unknown
     soc: Floats  # share, NaN unknown
-    vehicle: NDArray[np.int64]  # codes
-    trip: NDArray[np.int64]
+    vehicle: Ints  # codes
+    trip: Ints
     power: Floats  # measured at the battery [W], NaN where not measured
 
     def __len__(self) -> int:

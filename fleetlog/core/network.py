@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index
 from fleetlog.errors import SiteError, nearest
 
 if TYPE_CHECKING:
     import networkx as nx
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 
 
 @dataclass(frozen=True)

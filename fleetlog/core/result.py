@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
+
 if TYPE_CHECKING:
     import pandas as pd
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Grid:
     cell: float
     label: str
     diverging: bool = False
-    mask: NDArray[np.bool_] | None = None
+    mask: Mask | None = None
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class EdgeValues:
     """Values on stretches of directed edges: ``edge`` (N,) indices, ``start``/``end`` (N,) offsets [m]."""
 
     name: str
-    edge: NDArray[np.int32]
+    edge: Index
     start: Floats
     end: Floats
     values: Floats
@@ -75,9 +75,9 @@ class MovingLines:
     """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m) with flags."""
 
     name: str
-    time: NDArray[np.int64]
+    time: Ints
     lines: tuple[Floats, ...]
-    critical: tuple[NDArray[np.bool_], ...]
+    critical: tuple[Mask, ...]
 
 
 @dataclass(frozen=True)

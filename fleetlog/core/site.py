@@ -7,12 +7,12 @@ from typing import Any, Literal
 from zoneinfo import ZoneInfo
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Edge, Network, build_network
 from fleetlog.errors import SiteError
 
-Floats = NDArray[np.float64]
 PlaceKind = Literal["pick", "drop", "park", "charge"]
 
 
@@ -78,7 +78,7 @@ class Zone:
     closed_every: float = 0.0
     closed_for: float = 10.0
 
-    def contains(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+    def contains(self, x: Floats, y: Floats) -> Mask:
         """(N,) whether points lie inside: an odd number of the polygon's sides is to their right."""
         inside = np.zeros(len(x), dtype=bool)
         corners = self.polygon[:, :2]

@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from fleetlog.core import columns as cols
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.errors import DataError
 
 if TYPE_CHECKING:
@@ -19,16 +20,12 @@ if TYPE_CHECKING:
 
     from fleetlog.core.site import Frame
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Codes = NDArray[np.int32]
-
 
 @dataclass(frozen=True)
 class Labels:
     """A column of repeated strings: ``names[codes[i]]``, and code -1 for null."""
 
-    codes: Codes
+    codes: Index
     names: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -41,8 +38,8 @@ class Labels:
         """The values, one by one; for small tables and tests."""
         return [self.names[c] if c >= 0 else None for c in self.codes]
 
-    def recode(self, order: Mapping[str, int]) -> Codes:
-        """Codes in another numbering, as a network's edge indices; -1 for null and for unknown names."""
+    def recode(self, order: Mapping[str, int]) -> Index:
+        """Index in another numbering, as a network's edge indices; -1 for null and for unknown names."""
         table = np.array([order.get(n, -1) for n in self.names] + [-1], dtype=np.int32)
         return table[self.codes]
 
@@ -185,7 +182,7 @@ def _own_array(values: Values) -> pa.Array:
     return pa.DictionaryArray.from_arrays(indices, pa.array(list(values.names), pa.string()))
 
 
-def _with_nulls(values: NDArray[Any], unknown: NDArray[np.bool_]) -> pa.Array:
+def _with_nulls(values: NDArray[Any], unknown: Mask) -> pa.Array:
     # Without a mask nothing is copied.
     return pa.array(values, mask=unknown) if unknown.any() else pa.array(values)
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import UNIT
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses, scanned
@@ -19,8 +19,6 @@ from fleetlog.discovery.search.joint import Joint, covariance, errors, refit
 from fleetlog.discovery.search.judge import judge, strongest
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.sizes import without
-
-Floats = NDArray[np.float64]
 
 EXCLUDED = 4.0
 """Logarithm of the odds by which an excluded rival must be behind: 55 to 1, about two standard errors."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.hypotheses.scope import FLEET, Scope
@@ -16,8 +16,6 @@ from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Parameter, Term, Values
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, order=True)

@@ -5,12 +5,11 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
 from fleetlog.core.site import Place, Site
 
-Floats = NDArray[np.float64]
 STEP = 0.5  # Places are sought along the roads in steps of this [m]
 
 

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.columns import SCHEMA
-from fleetlog.core.trajectory import Floats, Trajectory, from_arrow, to_arrow
+from fleetlog.core.trajectory import Trajectory, from_arrow, to_arrow
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.registry import parts
 from fleetlog.store import Dataset
@@ -172,7 +172,7 @@ def write_features(path: Path, head: dict[str, Any], features: Iterable[dict[str
         out.write("\n]}\n")
 
 
-def iso_times(time: NDArray[np.int64]) -> list[str]:
+def iso_times(time: Ints) -> list[str]:
     """Times [us] as ISO 8601 in UTC, with a fraction only where there is one."""
     fine = bool((time % 1_000_000).any())
     stamps = time.view("datetime64[us]") if fine else (time // 1_000_000).view("datetime64[s]")

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.core.arrays import Floats
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.exporters.base import Exporter, Selection, cells, iso_times, write_features
 
 

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.columns import BY_NAME
-from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.exporters.base import Exporter, Selection, iso_times, write_features
 
 PROPERTIES = (

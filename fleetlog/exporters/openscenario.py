@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.errors import DataError, InputError
 from fleetlog.exporters.base import Exporter, Selection
 
@@ -50,9 +50,9 @@ def write(selection: Selection, path: Path) -> None:
     scenario.write_xml(str(path))
 
 
-def _motions(selection: Selection) -> dict[str, NDArray[np.float64]]:
+def _motions(selection: Selection) -> dict[str, Floats]:
     """Time [us], x, y, z and heading of the placed rows of every vehicle that has any."""
-    out: dict[str, NDArray[np.float64]] = {}
+    out: dict[str, Floats] = {}
     for t in map(selection.placed, selection.days(COLUMNS)):
         rows = np.column_stack([t.time, *(np.nan_to_num(t.floats(n)) for n in COLUMNS)])
         if len(t):

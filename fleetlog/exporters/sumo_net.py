@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame
 from fleetlog.exporters.base import Exporter, Selection
@@ -77,7 +77,7 @@ def _location(n: Network, frame: Frame | None) -> dict[str, str]:
     return {**local, "origBoundary": geographic, "projParameter": projection}
 
 
-def _shape(n: Network, points: NDArray[np.float64]) -> str:
+def _shape(n: Network, points: Floats) -> str:
     width = 3 if n.has_elevation else 2
     return " ".join(",".join(f"{c:.3f}" for c in p[:width]) for p in points.tolist())
 
@@ -104,7 +104,7 @@ def _junction(net: Any, n: Network, v: int, names: dict[str, str], links: list[C
         etree.SubElement(junction, "request", index=str(i), response=response, foes=foe, cont="0")
 
 
-def _foes(n: Network, links: list[Connection]) -> NDArray[np.bool_]:
+def _foes(n: Network, links: list[Connection]) -> Mask:
     """Which of the connections of a junction merge or cross, from different edges: (L, L).
 
     A connection is seen as the line from a metre before the end of its first edge to a metre after the start
@@ -115,7 +115,7 @@ def _foes(n: Network, links: list[Connection]) -> NDArray[np.bool_]:
     last = n.position(b, np.minimum(n.length[b], 1.0))[:, :2]
     way = (last - first)[:, None]
 
-    def side(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def side(points: Floats) -> Floats:
         to = points - first[:, None]
         return np.asarray(way[..., 0] * to[..., 1] - way[..., 1] * to[..., 0])
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fleetlog.core.trajectory import Ints
+from fleetlog.core.arrays import Ints
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._report import ReadReport

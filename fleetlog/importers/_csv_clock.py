@@ -5,17 +5,15 @@ from datetime import UTC, datetime
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Ints, Labels
+from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError, InputError
 from fleetlog.importers import _times
 from fleetlog.importers._csv_cells import numbers
 from fleetlog.importers._fields import Fields
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._profile import has_date
-
-Mask = NDArray[np.bool_]
 
 
 class Clock:
@@ -100,7 +98,7 @@ class Clock:
         shown = str(sample[0])[:60]
         raise FormatError(f"times as {shown!r} can be read in several ways", where=self.path, do=do)
 
-    def decide_count(self, figures: NDArray[np.float64]) -> str:
+    def decide_count(self, figures: Floats) -> str:
         """The unit of a count from 1970, or from the profile's origin: a start is never made up."""
         known = np.sort(figures[np.isfinite(figures)])
         middle = float(known[len(known) // 2]) if len(known) else np.nan

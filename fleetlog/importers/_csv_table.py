@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pv
 
-from fleetlog.core.trajectory import Ints
+from fleetlog.core.arrays import Ints
 from fleetlog.importers._csv_blocks import Block, cells_of
 from fleetlog.importers._fields import Fields
 from fleetlog.importers._units import KINDS

@@ -5,8 +5,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.columns import BY_NAME, HIVE_NULL
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
@@ -113,7 +113,7 @@ def _column(name: str, values: Values, report: ReadReport) -> tuple[str, Values]
     return name, Labels.of([None if v != v else f"{v:g}" for v in values.tolist()]) if kind else values
 
 
-def _figures(values: Values) -> NDArray[np.float64]:
+def _figures(values: Values) -> Floats:
     """(N,) numbers, NaN for unknown, infinite for what is none."""
     if not isinstance(values, Labels):
         return np.asarray(values, dtype=np.float64)

@@ -11,11 +11,11 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from fleetlog.core import schema
+from fleetlog.core.arrays import Floats
 from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import crs, map_frames
 from fleetlog.core.schema import Keys, Wrong, either, flag, list_of, one_of, real, table, text
 from fleetlog.core.site import MapFrame
-from fleetlog.core.trajectory import Floats
 from fleetlog.errors import InputError
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._open import plain_stem

@@ -6,8 +6,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Ints, Labels, Values
-from fleetlog.importers._csv_cells import Floats, Mask, degrees, numbers
+from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.trajectory import Labels, Values
+from fleetlog.importers._csv_cells import degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._fields import Fields
 from fleetlog.importers._profile import Source

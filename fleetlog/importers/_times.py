@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Ints
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.importers._names import EPOCH_UNITS
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def epoch_unit(count: float) -> str | None:
     return None
 
 
-def from_counts(values: NDArray[np.float64] | Ints, unit: str, origin: int = 0) -> Ints:
+def from_counts(values: Floats | Ints, unit: str, origin: int = 0) -> Ints:
     """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or out of reach."""
     us = EPOCH_UNITS[unit]
     reach = (LATEST - EARLIEST) // us if us > 0 else (LATEST - EARLIEST) * -us
@@ -129,7 +129,7 @@ class Days:
         return out
 
 
-def from_iso(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
+def from_iso(cells: pa.Array) -> tuple[Ints, Mask]:
     """Times of ISO 8601 cells, and which state no zone; ``NONE`` where null or not ISO 8601."""
     for kind, bare in ((pa.timestamp("ns", "UTC"), False), (pa.timestamp("ns"), True)):
         try:
@@ -143,7 +143,7 @@ def from_iso(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
     return _iso_one_by_one(cells)
 
 
-def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
+def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, Mask]:
     text = pd.Series(cells.to_pandas(), dtype=object).str.strip()
     zoned = np.asarray(
         text.str.contains(r"(?:[zZ]|[+-]\d\d:?\d\d|[+-]\d\d)$", na=False) & text.str.contains(":", na=False)
@@ -152,7 +152,7 @@ def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
     return _epoch(pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)), ~zoned
 
 
-def from_format(cells: pa.Array, style: str) -> tuple[Ints, NDArray[np.bool_]]:
+def from_format(cells: pa.Array, style: str) -> tuple[Ints, Mask]:
     """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where one does not fit."""
     zoned = "%z" in style or "%Z" in style
     text = pd.Index(cells.to_pandas(), dtype=object)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fleetlog.core.trajectory import Floats
+from fleetlog.core.arrays import Floats
 from fleetlog.importers._messages import normal_name, numbers, stamp_of
 from fleetlog.importers._rows import Sample
 from fleetlog.importers._wire import Wire, from_json

@@ -5,11 +5,9 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.errors import InputError, nearest
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fleetlog.core.trajectory import Ints, Labels, Values
+from fleetlog.core.arrays import Ints
+from fleetlog.core.trajectory import Labels, Values
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._open import compression, head_of, plain_stem, plain_suffix

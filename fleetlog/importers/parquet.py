@@ -9,8 +9,8 @@ from urllib.parse import unquote
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError
 from fleetlog.importers._csv_layout import unique
@@ -158,7 +158,7 @@ def _text(raw: bytes) -> str:
     return raw.decode("utf-8", "replace")
 
 
-def _points(array: pa.Array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _points(array: pa.Array) -> tuple[Floats, Floats]:
     """(N,) x and y of WKB points; NaN for anything else.  OGC 06-103r4, section 8.2."""
     x, y = np.full(len(array), np.nan), np.full(len(array), np.nan)
     for i, wkb in enumerate(array.to_pylist()):

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
 from fleetlog.core.site import MapFrame
 from fleetlog.core.words import percent
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 LONGEST = 1e6  # A track that is longer by its rows leaps about [m]: its places lie farther apart
 SECTORS = 8  # Directions that are told apart by the correlation

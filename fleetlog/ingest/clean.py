@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.columns import COLUMNS
-from fleetlog.core.trajectory import Floats, Labels, Trajectory
+from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.ingest.rows import FILE, RECORD, STUCK, set_unknown
 
@@ -21,8 +22,6 @@ JUMP_MARGIN = 20.0  # Error of two positions that no jump is made of [m]
 SHORT_JUMP = 10  # Rows; a place that is left sooner by another impossible jump was never visited
 STUCK_TIME, STUCK_ROWS = 60.0, 30
 """A speed the same to the last digit so long [s, rows] while the truck stands is stuck."""
-
-Mask = NDArray[np.bool_]
 
 
 def sort_rows(rows: Trajectory) -> Trajectory:

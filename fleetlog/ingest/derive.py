@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Floats, Ints, Labels, Trajectory
+from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, set_unknown, without
 
 REACH = 3.0  # A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]

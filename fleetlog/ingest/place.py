@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Mask
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame, MapFrame, Site
 from fleetlog.core.trajectory import Labels, Trajectory
@@ -56,7 +56,7 @@ def into_site(rows: Trajectory, frames: Sequence[MapFrame], every: MapFrame | No
     return rows
 
 
-def _moved(rows: Trajectory, frame: MapFrame, mine: NDArray[np.bool_]) -> Trajectory:
+def _moved(rows: Trajectory, frame: MapFrame, mine: Mask) -> Trajectory:
     x, y = frame.to_site(rows.floats("x"), rows.floats("y"))
     turned = np.remainder(rows.floats("heading") + frame.rotation + np.pi, 2.0 * np.pi) - np.pi
     new = {"x": x, "y": y, "heading": turned}

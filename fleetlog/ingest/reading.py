@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fleetlog.core.arrays import Ints
 from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import geographic
-from fleetlog.core.trajectory import Ints, Labels, Trajectory, Values
+from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.errors import FleetlogError
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Mask
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.importers.base import Reject
 from fleetlog.ingest.rows import FILE, RECORD, picture
@@ -43,7 +43,7 @@ class Rejects:
         if len(self._waiting) >= _FLUSH:
             self._flush()
 
-    def refuse(self, rows: Trajectory, mask: NDArray[np.bool_], reason: str, *, whole: bool = True) -> None:
+    def refuse(self, rows: Trajectory, mask: Mask, reason: str, *, whole: bool = True) -> None:
         """Refuse some rows, or a value of theirs."""
         for row in np.flatnonzero(mask).tolist():
             file, record = (int(rows.floats(n)[row]) for n in (FILE, RECORD))

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from pyarrow import feather
 
+from fleetlog.core.arrays import Mask
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Labels, Trajectory, Values, from_arrow
 from fleetlog.importers._times import EARLIEST, LATEST
@@ -53,7 +53,7 @@ def _as_labels(values: Values | None, n: int) -> Labels:
     return Labels.of([None if v != v else f"{v:g}" for v in values])
 
 
-def set_unknown(rows: Trajectory, where: NDArray[np.bool_], *names: str) -> Trajectory:
+def set_unknown(rows: Trajectory, where: Mask, *names: str) -> Trajectory:
     """A copy with some values of float columns unknown."""
     return rows.with_columns(**{name: np.where(where, np.nan, rows.floats(name)) for name in names})
 

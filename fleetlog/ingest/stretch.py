@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fleetlog.core.arrays import Ints
 from fleetlog.core.network import Network
 from fleetlog.core.site import MapFrame, Site
-from fleetlog.core.trajectory import Ints, Labels, Trajectory
+from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame

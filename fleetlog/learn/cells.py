@@ -8,10 +8,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
-from fleetlog.core.network import Floats
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion import reconstruct
 
@@ -26,7 +25,7 @@ ALONG = 1.0  # standard deviation along the way of what is averaged [m]
 ROUNDS = 12
 SCATTER = 0.1  # directions with a smaller share of what is driven there pull by that share, others alike
 
-Counts = NDArray[np.int64]
+Counts = Ints
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def moving(trajectory: Trajectory) -> tuple[Cells, float]:
     return Cells(x, y, heading, weight[row] / count), float(found.noise.position)
 
 
-def _manoeuvres(metres: Floats, dt: Floats, standing: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _manoeuvres(metres: Floats, dt: Floats, standing: Mask) -> Mask:
     """(n,) whether a sample lies within a manoeuvre of a long stand."""
     way = np.cumsum(metres)
     turn = np.flatnonzero(np.diff(standing.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.network import Floats, Network
+from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads.matching import Match, match
 from fleetlog.roads.routing import Router
@@ -26,16 +26,16 @@ Visit = tuple[int, float, float, int]
 class Evidence:
     """What a recording says of the E edges of a network."""
 
-    passes: NDArray[np.int64]  # (E,) visits of a whole edge
+    passes: Ints  # (E,) visits of a whole edge
     metres: Floats  # (E,) driven on it in all
-    speeds: NDArray[np.int64]  # (E, bins) on it, a histogram of 0.1 m/s
+    speeds: Ints  # (E, bins) on it, a histogram of 0.1 m/s
     turns: Counter[tuple[int, int]] = field(default_factory=Counter)
     vehicles: dict[int, set[str]] = field(default_factory=dict)
     days: dict[int, set[int]] = field(default_factory=dict)
     rows: int = 0
     matched: int = 0
 
-    def mean_passes(self, network: Network) -> NDArray[np.int64]:
+    def mean_passes(self, network: Network) -> Ints:
         """(E,) how often each metre of an edge was driven on average."""
         return np.round(self.metres / network.length).astype(np.int64)
 

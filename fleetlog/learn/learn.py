@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Ints
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
 from fleetlog.core.site import Frame, Site
@@ -104,7 +104,7 @@ def described(found: Roads, noise: float) -> Network:
     return build_network(edges, turns, has_elevation=False)
 
 
-def _speed(histogram: NDArray[np.int64]) -> float:
+def _speed(histogram: Ints) -> float:
     """Speed that all but a few of the rows stay below [m/s]."""
     below = np.cumsum(histogram)
     return math.nan if below[-1] < FEW else float((np.searchsorted(below, FREE * below[-1]) + 1) * SPEED_STEP)

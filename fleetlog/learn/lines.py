@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from fleetlog.core.network import Floats
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.learn.cells import Cells
 
 PIXEL = 0.25  # side of a pixel [m]
@@ -26,12 +25,12 @@ AROUND = np.array([[-1, 0], [-1, 1], [0, 1], [1, 1], [1, 0], [1, -1], [0, -1], [
 class Picture:
     """Road pixels; pixel (row, column) has its middle at (x0 + column * side, y0 + row * side)."""
 
-    road: NDArray[np.bool_]
+    road: Mask
     x0: float
     y0: float
     side: float
 
-    def middle(self, pixel: NDArray[np.int64]) -> Floats:
+    def middle(self, pixel: Ints) -> Floats:
         """(N, 2) metres of (N, 2) rows and columns."""
         return np.column_stack([self.x0 + pixel[:, 1] * self.side, self.y0 + pixel[:, 0] * self.side])
 
@@ -61,7 +60,7 @@ def centre_lines(cells: Cells, tube: float, least: float) -> Picture:
     return Picture(thinned(road | small[label]), x0, y0, side)
 
 
-def thinned(picture: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def thinned(picture: Mask) -> Mask:
     """Lines one pixel wide (Zhang and Suen, 1984, doi:10.1145/357994.358023); the rim is empty."""
     picture, removed = picture.copy(), 1
     pixels = np.argwhere(picture)
@@ -125,7 +124,7 @@ def chains(picture: Picture) -> list[Chain]:
     return out
 
 
-def _ordered(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+def _ordered(pixels: Ints) -> Ints:
     """The pixels of a line one after another, from one of its ends."""
     line: nx.Graph[int] = nx.Graph()
     line.add_nodes_from(range(len(pixels)))
@@ -134,7 +133,7 @@ def _ordered(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
     return pixels[list(nx.dfs_preorder_nodes(line, begin))]
 
 
-def _knots(knots: NDArray[np.int32], pixel: NDArray[np.int64]) -> list[int]:
+def _knots(knots: Index, pixel: Ints) -> list[int]:
     """The two knots beside a pixel, one twice where there is one, 0 without."""
     r, c = pixel
     found = [int(k) for k in np.unique(knots[r - 1 : r + 2, c - 1 : c + 2]) if k]

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
+from fleetlog.core.arrays import Mask
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site, Zone
 from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table, with_room
@@ -51,7 +51,7 @@ def slow_zones(network: Network) -> tuple[Zone, ...]:
     return tuple(replace(zone, id=f"slow-{k}") for k, zone in enumerate(zones, 1))
 
 
-def _zone(network: Network, mine: NDArray[np.bool_]) -> Zone | None:
+def _zone(network: Network, mine: Mask) -> Zone | None:
     if network.length[mine].sum() < SHORTEST:
         return None
     owner = np.repeat(mine, np.diff(network.first))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
-from fleetlog.core.network import Floats
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.learn.cells import Cells
 from fleetlog.learn.lines import Chain, way
 from fleetlog.learn.shape import ends
@@ -35,9 +35,7 @@ class Fit:
     spread: Floats
 
 
-def refined(
-    chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float, rounds: int = 3
-) -> list[Fit]:
+def refined(chains: list[Chain], driven: Mask, cells: Cells, reach: float, rounds: int = 3) -> list[Fit]:
     """The chains moved onto the traces: in the middle of both directions where both are driven.
 
     ``driven`` (n, 2) says in which directions each is, forth and back; cells farther than ``reach`` [m] are
@@ -87,7 +85,7 @@ def _resampled(c: Chain) -> Chain:
 
 
 def _owners(
-    chains: list[Chain], senses: NDArray[np.bool_], cells: Cells, reach: float
+    chains: list[Chain], senses: Mask, cells: Cells, reach: float
 ) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Tangents at the points of all chains, end to end, and the cells that lie on them in their ``senses``.
 
@@ -116,7 +114,7 @@ def passes(chains: list[Chain], cells: Cells, reach: float) -> Floats:
     return np.asarray(metres / np.array([max(c.length, STEP) for c in chains])[:, None])
 
 
-def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float) -> list[Fit]:
+def _fitted(chains: list[Chain], driven: Mask, cells: Cells, reach: float) -> list[Fit]:
     points = np.concatenate([c.points for c in chains])
     tangent, use, at, back = _owners(chains, driven, cells, reach)
     dx, dy, n = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1], len(points)
@@ -155,7 +153,7 @@ def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
     return Fit(moved, left, np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _middle(mean: Floats, seen: NDArray[np.bool_]) -> Floats:
+def _middle(mean: Floats, seen: Mask) -> Floats:
     """(n,) the middle of the directions that are seen; between stations where none is, interpolated."""
     both, known = seen.all(axis=0), seen.any(axis=0)
     if not known.any():

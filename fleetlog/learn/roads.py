@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Mask
 from fleetlog.core.network import Edge, Network, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
@@ -44,7 +44,7 @@ class Roads:
     network: Network
     evidence: Evidence
     fits: list[Fit]
-    forth: NDArray[np.bool_]
+    forth: Mask
 
 
 def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) -> Roads:

@@ -5,10 +5,9 @@ from itertools import pairwise
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fleetlog.core.network import Floats
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.learn.lines import Chain, way
 
 BACK = 2.5  # a road this many times longer than the straight line between two of its places has turned round
@@ -77,7 +76,7 @@ def _contracted(chains: list[Chain], junction: float) -> list[Chain]:
     return kept
 
 
-def joined(chains: list[Chain], count: NDArray[np.int64] | None = None) -> list[Chain]:
+def joined(chains: list[Chain], count: Ints | None = None) -> list[Chain]:
     """Chains that alone meet at a node are one; with passes ``count`` (n,), where as many go on."""
     chains = list(chains)
     at = ends(chains)

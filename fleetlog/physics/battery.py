@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.motion import Floats
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.truck import Truck
 from fleetlog.errors import TruckError, nearest
 
@@ -84,8 +83,8 @@ class Discharge(NamedTuple):
     soc: Floats  # State of charge after each sample
     voltage: Floats  # At the terminals [V]
     current: Floats  # [A]
-    collapsed: NDArray[np.bool_]  # The power asked for is more than the battery can give
-    empty: NDArray[np.bool_]  # Charge is at 0 and more is drawn
+    collapsed: Mask  # The power asked for is more than the battery can give
+    empty: Mask  # Charge is at 0 and more is drawn
 
 
 def discharge(

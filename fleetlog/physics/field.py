@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.motion import Floats, Motion
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.errors import InputError, nearest
 
@@ -21,7 +22,7 @@ MAX_TURN = np.pi / 3  # ... and whose heading differs by less than this [rad].
 class Field:
     """N stretches, (N,) each."""
 
-    edge: NDArray[np.int32]  # Index into the network's edges, -1 where there is no map
+    edge: Index  # Index into the network's edges, -1 where there is no map
     x: Floats  # Middle of the stretch [m]
     y: Floats
     heading: Floats  # There [rad]
@@ -30,12 +31,12 @@ class Field:
     value: Floats  # Of the parameter
     low: Floats  # Its interval
     high: Floats
-    samples: NDArray[np.int64]  # Rows or passages behind it
+    samples: Ints  # Rows or passages behind it
 
     def __len__(self) -> int:
         return len(self.value)
 
-    def __getitem__(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Field:
+    def __getitem__(self, index: NDArray[np.intp] | Mask) -> Field:
         """The stretches of an index array or mask."""
         return Field(*(getattr(self, f.name)[index] for f in fields(self)))
 
@@ -70,8 +71,8 @@ class Field:
 
 
 def stretches(
-    network: Network, edge: NDArray[np.int32], start: Floats, end: Floats, value: Floats,
-    low: Floats | float = np.nan, high: Floats | float = np.nan, samples: NDArray[np.int64] | int = 0,
+    network: Network, edge: Index, start: Floats, end: Floats, value: Floats,
+    low: Floats | float = np.nan, high: Floats | float = np.nan, samples: Ints | int = 0,
 ) -> Field:  # fmt: skip
     """A field of (N,) stretches ``start`` to ``end`` [m] of a network's directed edges."""
     edge, start, end = np.asarray(edge, np.int32), np.asarray(start, float), np.asarray(end, float)

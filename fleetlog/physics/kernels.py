@@ -1,13 +1,10 @@
 """Compiled loops of battery and speed profile; imported only where they run."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.physics.term import GRAVITY
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 AT_REST = 0.02  # A speed at a node under this means a stop [m/s]
 
@@ -16,7 +13,7 @@ AT_REST = 0.02  # A speed at a node under this means a stop [m/s]
 def follow(
     power: Floats, dt: Floats, soc: float, knots: Floats, volts: Floats, resistance: float,
     capacity_ah: float, peukert: float, rated_current: float,
-) -> tuple[Floats, Floats, Floats, Flags, Flags]:  # fmt: skip
+) -> tuple[Floats, Floats, Floats, Mask, Mask]:  # fmt: skip
     """Charge, voltage, current, collapse and emptiness after each of (N,) samples;
     see :mod:`fleetlog.physics.battery`."""
     n = len(power)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-from fleetlog.core.motion import Floats, Motion
+from fleetlog.core.arrays import Floats
+from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 
 __all__ = ["AIR_DENSITY", "GRAVITY", "Floats", "Motion", "Parameter", "Term", "Truck", "Values", "total_mass"]

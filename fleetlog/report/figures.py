@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import pandas as pd
 
-from fleetlog.core.trajectory import Floats
+from fleetlog.core.arrays import Floats
 from fleetlog.core.words import percent
 from fleetlog.report.content import Table, number
 from fleetlog.report.facts import Facts

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, Network
 from fleetlog.core.site import Frame
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats.base import Floats, Inverse, RoadMap
+from fleetlog.roads.formats.base import Inverse, RoadMap
 from fleetlog.roads.segments import distance_to_segment
 
 SAME = 0.01  # local metres of a map stay untouched where its frame reproduces them within this [m]

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.core.network import Floats, Network
+from fleetlog.core.arrays import Floats, Index
+from fleetlog.core.network import Network
 from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.decoding import ensure_all
 from fleetlog.roads.kernels.distances import new_store, roomier
-from fleetlog.roads.kernels.records import Candidates, Grid, Groups, Index, Roads, Store, Wide
+from fleetlog.roads.kernels.records import Candidates, Grid, Groups, Roads, Store, Wide
 
 MOST_CANDIDATES = 24  # of one position, the nearest: more never changed a decision on aisle grids
 

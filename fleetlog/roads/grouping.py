@@ -1,14 +1,11 @@
 """Rows of a track, and the groups that one step of the matching model sees."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.network import Floats
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads.kernels.grouping import find_stops, group_means, group_points
 from fleetlog.roads.kernels.records import Groups, Track
-
-Ints = NDArray[np.int64]
 
 STANDING_SPEED = 0.1  # a log speed below this is a standstill [m/s]
 MOST_ACCELERATION = 15.0  # no vehicle on wheels exceeds it [m/s2]
@@ -70,7 +67,7 @@ def sample(track: Track, groups: int, noise: float) -> Track:
     return picked._replace(chain=np.cumsum(new))
 
 
-def out_of_line(t: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
+def out_of_line(t: Floats, x: Floats, y: Floats) -> Mask:
     """(N,) rows that jump aside and back, with impossible accelerations worse than their neighbours'."""
     spike = np.zeros(len(t), np.bool_)
     if len(t) < 8:

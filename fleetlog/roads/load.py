@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core import schema
+from fleetlog.core.arrays import Floats
 from fleetlog.core.files import open_regular
 from fleetlog.core.frames import FARTHEST, crs, frame_of_crs, map_frames
 from fleetlog.core.network import Edge, LoadReport, Network, build_network
@@ -27,7 +27,7 @@ OFF_ROADS = 10.0  # a place farther than this [m] from every road gets a warning
 metres = schema.real(-FARTHEST, FARTHEST)
 
 
-def _polygon(value: Any) -> NDArray[np.float64]:
+def _polygon(value: Any) -> Floats:
     """At least three corners [x, y] in metres; a repeated last corner is left out."""
     if not isinstance(value, list) or not all(isinstance(p, list) and len(p) == 2 for p in value):
         raise schema.Wrong("is not a list of corners [x, y]")

@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Floats, Network
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads import grouping
 from fleetlog.roads.candidates import Prepared, prepare
@@ -58,13 +59,13 @@ class MatchParameters:
 class Match:
     """Rows on the roads; all arrays are (N,)."""
 
-    edge: NDArray[np.int32]  # index of the directed edge, -1 off the roads
+    edge: Index  # index of the directed edge, -1 off the roads
     offset: Floats  # along the edge [m], NaN off the roads
     lateral: Floats  # left (+) or right (-) of it [m], NaN off the roads
     confidence: Floats  # probability that the edge is right; off the roads, that no road is
     reason: NDArray[np.uint8]  # index into REASONS of why a row has no edge; 0 where it has one
     restart: NDArray[np.uint8]  # of why a chain starts anew at a row (gap, no connected path), else 0
-    standing: NDArray[np.bool_]  # rows of a standstill; they share one place
+    standing: Mask  # rows of a standstill; they share one place
     parameters: MatchParameters  # as used
 
     def __len__(self) -> int:
@@ -232,7 +233,7 @@ def _nothing(n: int, parameters: MatchParameters) -> Match:
     return Match(edge, nan, nan.copy(), np.ones(n), reason, none, np.zeros(n, bool), parameters)
 
 
-def _spread(found: Match, rows: NDArray[np.int64], n: int) -> Match:
+def _spread(found: Match, rows: Ints, n: int) -> Match:
     """The match of the rows with a position as one of all ``n`` rows."""
     if len(rows) == n:
         return found

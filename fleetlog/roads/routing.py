@@ -6,10 +6,10 @@ from functools import lru_cache
 from heapq import heappop, heappush
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
-from fleetlog.core.network import Floats, Index, Network
+from fleetlog.core.arrays import Floats, Index, Mask
+from fleetlog.core.network import Network
 from fleetlog.errors import DataError
 
 BOUNDS = 256  # targets whose lower bounds are kept
@@ -93,7 +93,7 @@ class Router:
 
 @kernel()
 def _astar(
-    next_first: Index, next_edges: Index, cost: Floats, turn_cost: Floats, closed: NDArray[np.bool_],
+    next_first: Index, next_edges: Index, cost: Floats, turn_cost: Floats, closed: Mask,
     bound: Floats, source: np.int32, target: np.int32,
 ) -> tuple[Index, Floats]:  # fmt: skip
     """Cheapest chain of edges from ``source`` to ``target``, empty if none; and the cost at each.

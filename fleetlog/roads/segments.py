@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.network import Floats
+from fleetlog.core.arrays import Floats
 
 
 def distance_to_segment(points: Floats, a: Floats, b: Floats) -> Floats:

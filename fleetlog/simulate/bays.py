@@ -8,10 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import SiteError
-from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.doors import SHARES, Bay, Door, Stand, door_beside, opposite_spur, span
 from fleetlog.simulate.junctions import GAP, Junctions, half_box
 from fleetlog.simulate.track import SPACING, Track, arc, even, moved

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels, Trajectory
@@ -9,7 +10,6 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.physics.cycles import CYCLES, VDI_LEGS
 from fleetlog.physics.power import Physics, battery_power, soc_change
-from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.record import rounded
 from fleetlog.store.writer import DatasetWriter
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
-from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.doors import recorded_stands
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.simulate.tasks import Demand, Task, Visit

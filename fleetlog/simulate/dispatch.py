@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fleetlog.simulate.arrays import Floats
+from fleetlog.core.arrays import Floats
 from fleetlog.simulate.demand import Itineraries
 from fleetlog.simulate.occupancy import Occupancy, Policy
 from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Place
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.junctions import START, Junctions, half_box
 from fleetlog.simulate.places import Stands
 from fleetlog.simulate.track import SPACING, Track, even, joined, moved

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion import measured_channels, reconstruct
-from fleetlog.simulate.arrays import Flags, Floats
 from fleetlog.simulate.state import DRIVER, PLAN
 from fleetlog.simulate.track import SWING, Track, build_track
 from fleetlog.store.dataset import Dataset
@@ -78,7 +78,7 @@ def _in_turns(motion: Motion, track: Track) -> float | None:
     return round(float(np.quantile(found, 0.85)), 3) if len(found) >= FEW else None
 
 
-def _typical(values: Floats, chosen: Flags, weight: Floats) -> float | None:
+def _typical(values: Floats, chosen: Mask, weight: Floats) -> float | None:
     """What was chosen is below this for ``SHARE`` of its time; None where it is too little."""
     order = np.argsort(values[chosen])
     time = np.cumsum(weight[chosen][order])

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from fleetlog.core.arrays import Ints, Mask
 from fleetlog.core.trajectory import Labels
-from fleetlog.simulate.arrays import Flags, Ints
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.state import CHARGER, STANDS, Mode
 from fleetlog.simulate.tasks import LATER, LEFT_OUT
@@ -82,12 +82,12 @@ class EventLog:
         place = self.place_of_door[np.where(drives & (f.goal >= 0), f.goal, f.door)]
         return np.array([does, place, d.book.of])
 
-    def _end_stretches(self, of: Flags, ms: int) -> None:
+    def _end_stretches(self, of: Mask, ms: int) -> None:
         truck = np.flatnonzero(of)
         doing = (truck, *self.doing[:, truck], self.since[truck], np.full_like(truck, ms))
         self._stretches.append(np.array(doing))
 
-    def _end_reservations(self, of: Flags, ms: int) -> None:
+    def _end_reservations(self, of: Mask, ms: int) -> None:
         ended = self.held[:, of]
         self._reserved.append(np.array([*ended, np.full_like(ended[0], ms)]))
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.track import Track
 from fleetlog.store.trips import runs
 
@@ -104,7 +104,7 @@ def conflict_lists(pairs: Ints, count: int) -> tuple[Ints, Index]:
     return first.astype(np.int64), (key % count).astype(np.int32)
 
 
-def _follow_each_other(track: Track, a: Index, b: Index) -> Flags:
+def _follow_each_other(track: Track, a: Index, b: Index) -> Mask:
     """(N,) pairs of pieces that a truck drives one after the other: there the rule of following holds."""
     pair = np.zeros(len(a), dtype=bool)
     lanes = np.flatnonzero((track.source[a] < 0) & (track.source[b] < 0))
@@ -127,7 +127,7 @@ def lanes_at(track: Track, count: int) -> Ints:
     return out
 
 
-def _in_line(track: Track, a: Ints, b: Ints) -> Flags:
+def _in_line(track: Track, a: Ints, b: Ints) -> Mask:
     """(N,) pairs of resources that a truck takes one after the other."""
     out, at = np.zeros(len(a), dtype=bool), lanes_at(track, len(track) + 2 * len(track.network))
     for one, other in ((a, b), (b, a)):

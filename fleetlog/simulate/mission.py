@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.motion.legs import Leg, SpeedProfile
 from fleetlog.physics.power import Physics
-from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.junctions import half_box
 from fleetlog.simulate.places import touching
 from fleetlog.simulate.retrace import Trip, VehicleReplay

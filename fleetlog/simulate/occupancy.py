@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.errors import InputError, nearest
-from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.state import CHARGER, Fleet, Mode
 from fleetlog.simulate.tasks import Task
 from fleetlog.simulate.watch import Untangler

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.errors import DataError
-from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED, runs

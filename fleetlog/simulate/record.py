@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index
 from fleetlog.core.motion import Motion
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.power import battery_power, cell_power
-from fleetlog.simulate.arrays import Floats, Index, Modes
+from fleetlog.simulate.arrays import Modes
 from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 from fleetlog.store.writer import DatasetWriter

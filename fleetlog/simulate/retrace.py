@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels, Trajectory
@@ -14,7 +15,6 @@ from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.legs import Leg, SpeedProfile, free_flow, joined, legs, speed_limits
 from fleetlog.physics.power import Physics, battery_power, cell_power
-from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.record import rounded
 from fleetlog.simulate.state import creep_speed
 from fleetlog.store.trips import MAX_GAP

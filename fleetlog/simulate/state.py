@@ -9,9 +9,10 @@ from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
-from fleetlog.simulate.arrays import Flags, Floats, Index, Ints, Modes
+from fleetlog.simulate.arrays import Modes
 
 
 class Mode(IntEnum):
@@ -41,7 +42,7 @@ class Roads(NamedTuple):
     clear: Floats
     stop: Floats
     capacity: Index
-    swings: Flags
+    swings: Mask
     """(P,) whether a truck turns so far on a piece that it comes back beside the lane that it left."""
     conflict_first: Ints
     conflicts: Index
@@ -98,8 +99,8 @@ class Fleet(NamedTuple):
     hand_before: Floats
     hand_after: Floats
     until: Floats
-    attention: Flags
-    force: Flags
+    attention: Mask
+    force: Mask
     left: Index
     left_by: Floats
     left_hold: Floats
@@ -110,8 +111,8 @@ class Fleet(NamedTuple):
     asks: Index  # (E,) the truck for which others stop on a lane, -1: none
     ask_at: Floats  # (E,) where they stop for it [m]
     crossed: Index  # (E,) the truck that crosses a lane on its way into a bay or out of it, -1: none
-    walked: Flags  # (E,) whether people cross a lane now
-    entry: Flags  # Whether a truck on the road has the ground of its bay reserved
+    walked: Mask  # (E,) whether people cross a lane now
+    entry: Mask  # Whether a truck on the road has the ground of its bay reserved
     held: Index
     claimed: Ints
     round: Ints

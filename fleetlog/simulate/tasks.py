@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
-from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.doors import Stand
 from fleetlog.store.events import Columns
 

@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 
 BOW = 0.1
 """A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
@@ -164,7 +164,7 @@ class Track:
         ])  # fmt: skip
 
     @cached_property
-    def swings(self) -> Flags:
+    def swings(self) -> Mask:
         """(P,) connectors that turn by more than ``SWING``: their two lanes lie side by side."""
         turn = self.heading[self.first[1:] - 1] - self.heading[self.first[:-1]]
         return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (self.source >= 0))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.simulate.state import Fleet, Mode, Roads
 from fleetlog.simulate.ways import Itinerary
 from fleetlog.simulate.world import World
@@ -96,7 +96,7 @@ class Watch:
         return int(self.fleet.route[v, self._end(v)])
 
 
-def is_safe_lane(r: Roads, piece: Index) -> Flags:
+def is_safe_lane(r: Roads, piece: Index) -> Mask:
     """Whether trucks may wait on pieces."""
     lanes = len(r.clear)
     return np.asarray((piece < lanes) & (r.capacity[np.minimum(piece, lanes - 1)] > 0))

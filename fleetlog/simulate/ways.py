@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Index, Ints, Mask
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
 from fleetlog.roads.routing import Router
-from fleetlog.simulate.arrays import Flags, Index, Ints
 from fleetlog.simulate.doors import Door
 from fleetlog.simulate.track import Track
 from fleetlog.store.dataset import Dataset
@@ -44,7 +44,7 @@ def parts(network: Network) -> Ints:
     return np.where(lone & ~into_itself, -1, label).astype(np.int64)
 
 
-def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Flags:
+def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Mask:
     """(E,) the strongly connected part with most places, then longest; ``wanted``: edges near places."""
     label = parts(network)
     if (label < 0).all():

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site, Zone
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
-from fleetlog.simulate.arrays import Flags, Floats, Ints
 from fleetlog.simulate.bays import BayMaker, lay_out
 from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
 from fleetlog.simulate.junctions import (
@@ -194,7 +194,7 @@ class Crossings:
         self._rng = [np.random.Generator(np.random.PCG64([seed, 11, k])) for k in range(len(self._zones))]
         self._begin = [r.exponential(z.closed_every) for r, z in zip(self._rng, self._zones, strict=True)]
 
-    def tick(self, now: float, closed: Flags) -> None:
+    def tick(self, now: float, closed: Mask) -> None:
         """Mark the lanes that are ``closed`` (E,) at ``now`` [s]."""
         closed[:] = False
         for k, zone in enumerate(self._zones):

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.columns import ARROW, Column
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import InputError
@@ -30,8 +31,8 @@ Name = Literal["tasks", "activities", "reservations", "ways", "bays"]
 class Lines(NamedTuple):
     """One coordinate of polylines: all points one behind the other [m], and (N,) points of each line."""
 
-    values: NDArray[np.float64]
-    lengths: NDArray[np.int64]
+    values: Floats
+    lengths: Ints
 
 
 Columns = Mapping[str, NDArray[Any] | Labels | Lines]

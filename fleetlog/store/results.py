@@ -16,7 +16,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fleetlog.core.result import Floats, Grid, Result
+from fleetlog.core.arrays import Floats
+from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Frame
 from fleetlog.store.documents import write_json
 

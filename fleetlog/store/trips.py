@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -19,8 +20,6 @@ MIN_STOP = 15.0  # A shorter standstill does not end a trip: it is a wait on the
 MAX_GAP = 60.0  # A longer silence of the log ends a trip [s]
 MIN_LOAD_CHANGE = 25.0  # A change of payload at a standstill ends a trip, however short the stop [kg]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]
 
 
@@ -42,7 +41,7 @@ def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:
     return np.asarray(first + np.cumsum(begins), dtype=np.int64)
 
 
-def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(mask: Mask) -> list[tuple[int, int]]:
     """Half-open row ranges in which ``mask`` holds."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))

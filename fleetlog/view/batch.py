@@ -16,8 +16,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Floats, Ints, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.view import palette, thin
 from fleetlog.view.clock import DAY, span_of
 from fleetlog.view.fleet import COLUMNS, CURVES, MIN_LOAD, Fleet, curve_style, heights, log_curve, quaternions

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fleetlog.core.trajectory import Floats
+from fleetlog.core.arrays import Floats
 from fleetlog.view.extent import around
 from fleetlog.view.stream import TIMELINE, Stream
 

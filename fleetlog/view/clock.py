@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fleetlog.core.trajectory import Ints
+from fleetlog.core.arrays import Ints
 from fleetlog.errors import InputError
 from fleetlog.store import Dataset
 

@@ -11,7 +11,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fleetlog.core.trajectory import Floats, Ints, Trajectory, concatenate
+from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.trajectory import Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, palette, thin

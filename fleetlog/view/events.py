@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import rerun as rr
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Place, PlaceKind
-from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.roads.segments import reduced
 from fleetlog.store import Dataset
 from fleetlog.store.events import ACTIVITIES, TABLES, read_table

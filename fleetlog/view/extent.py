@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.result import Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Floats
 from fleetlog.store import Dataset
 
 Extent = tuple[float, float, float, float]  # xmin, ymin, xmax, ymax [m]

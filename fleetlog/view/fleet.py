@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Frame, Site
-from fleetlog.core.trajectory import Floats, Ints, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import palette, thin
 from fleetlog.view.palette import Colour

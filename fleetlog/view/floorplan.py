@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.result import EdgeValues, Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Floats
 from fleetlog.view import palette, ribbons
 from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.palette import Scale, colour_map

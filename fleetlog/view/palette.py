@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.result import EdgeValues, Grid
-from fleetlog.core.trajectory import Floats
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap, Normalize

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.result import Bars, Series, Spread, half_width
-from fleetlog.core.trajectory import Floats
 from fleetlog.view import palette
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from fleetlog.core.trajectory import Floats
+from fleetlog.core.arrays import Floats
 from fleetlog.store import Dataset
 from fleetlog.view import batch, blueprint, events
 from fleetlog.view.clock import SKIPPED, clock_of, opened, span_of

@@ -7,9 +7,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.view import blueprint, palette, ribbons, thin
 from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.view.palette import Colour
 
 POINTS, DASH = 25, 1.6  # Points of an arc, and length of the dashes of a broken one [m]

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame, Place, Site
-from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.view import palette, ribbons, thin
 from fleetlog.view.ribbons import mesh3d
 from fleetlog.view.stream import Stream, entity, ui_points

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from fleetlog.core.trajectory import Ints
+from fleetlog.core.arrays import Ints
 from fleetlog.errors import OutputError
 from fleetlog.store.output import remade
 from fleetlog.view.clock import SKIPPED, Clock

@@ -4,7 +4,8 @@ import itertools
 
 import numpy as np
 
-from fleetlog.core.trajectory import Floats, Ints, Trajectory
+from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.trajectory import Trajectory
 
 GAP = 10_000_000  # A silence longer than this [us], and than five sampling intervals, is shown as a gap
 

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.clusters.steps import DAY, Crowds
+from fleetlog.core.arrays import Floats, Index, Ints
 from fleetlog.core.network import Network
 from fleetlog.core.result import Series
-from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.simulate.places import touching
 
 BIN = 5.0  # Length of road that is counted as one place [m]
@@ -58,7 +57,7 @@ def samples(c: Crowds, episode: Ints, network: Network, free_speed: Floats, step
     })  # fmt: skip
 
 
-def places(network: Network, edge: NDArray[np.int32], offset: Floats) -> Ints:
+def places(network: Network, edge: Index, offset: Floats) -> Ints:
     """Place codes: road and stretch of ``BIN`` metres of it, the same for both directions of a road."""
     other = network.reverse[edge]
     canonical = np.where((other >= 0) & (other < edge), other, edge)

@@ -1,13 +1,10 @@
 """Numba kernels of the density analysis."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
-from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.core.arrays import Floats, Index, Ints
 from fleetlog.roads.kernels.distances import forget, longer, search
-
-Index = NDArray[np.int32]
 
 
 @kernel()

@@ -18,12 +18,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Floats, Ints, Trajectory, concatenate
+from fleetlog.core.trajectory import Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
-Index = NDArray[np.int32]
 Columns = dict[str, NDArray[Any]]
 
 HALT = 1.39  # A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]
@@ -45,10 +45,10 @@ class Fleet:
     edge: Index
     offset: Floats
     speed: Floats
-    standing_by: NDArray[np.bool_]
+    standing_by: Mask
 
 
-def standing_by(trajectory: Trajectory) -> NDArray[np.bool_]:
+def standing_by(trajectory: Trajectory) -> Mask:
     """(N,) whether a row belongs to the standstill that ends its trip: nothing is in its way."""
     moving = np.nan_to_num(trajectory.floats("speed")) > STANDING_SPEED
     trips, rows = trajectory.trip_ids(), np.arange(len(trajectory))
@@ -73,8 +73,8 @@ def on_grid(dataset: Dataset, date: str, grid: Ints) -> Fleet:
 
 
 def along_route(
-    t: Trajectory, arrived: NDArray[np.bool_], grid: Ints, network: Network
-) -> tuple[Index, Floats, Floats, NDArray[np.bool_]]:
+    t: Trajectory, arrived: Mask, grid: Ints, network: Network
+) -> tuple[Index, Floats, Floats, Mask]:
     """(G,) edge, offset, speed and ``arrived`` at the times ``grid`` (G,) within a truck's rows.
 
     Linear along the route from row to row; the edge is -1 in a gap longer than ``MAX_GAP``.
@@ -100,9 +100,7 @@ def along_route(
     return on, at, speed[i] + share * (speed[j] - speed[i]), masked
 
 
-def _about(
-    dataset: Dataset, vehicle: str, date: str, start: int, stop: int
-) -> tuple[Trajectory, NDArray[np.bool_]]:
+def _about(dataset: Dataset, vehicle: str, date: str, start: int, stop: int) -> tuple[Trajectory, Mask]:
     """The rows of a vehicle from just before ``start`` to just after ``stop``, and which are standing by.
 
     A truck that stands in a jam at midnight has not arrived: the next day tells; and the steps at midnight

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.clusters.steps import Crowds
-from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints
 
 LEAVE = 1.2  # A critical cluster stays critical until its mean speed exceeds this multiple of the limit
 JACCARD = 0.5

@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import measured_power
@@ -51,7 +52,7 @@ def gathered(books: Sequence[Book], what: str) -> pd.DataFrame:
     return table.fillna({name: 0.0 for name in table.columns if name.startswith("J_")})
 
 
-def _source(trajectory: Trajectory, known: NDArray[np.bool_]) -> str:
+def _source(trajectory: Trajectory, known: Mask) -> str:
     """What the measured energy of some trips is taken from."""
     if trajectory.has("battery_power"):
         return "power"

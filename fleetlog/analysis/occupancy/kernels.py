@@ -1,12 +1,9 @@
 """Numba kernels of the heat map."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
-from fleetlog.core.trajectory import Floats, Ints
-
-Mask = NDArray[np.bool_]
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 
 
 @kernel()
@@ -43,7 +40,7 @@ def accumulate(
 
 @kernel()
 def along_edges(
-    edge: NDArray[np.int32], offset: Floats, time: Ints, speed: Floats, power: Floats, standing: float,
+    edge: Index, offset: Floats, time: Ints, speed: Floats, power: Floats, standing: float,
     use: Mask, first_bin: Ints, size: float, max_gap: float, out: Floats,
 ) -> None:  # fmt: skip
     """Add the same layers of every stretch to ``out`` (6, bins); a row stands for the time after it."""

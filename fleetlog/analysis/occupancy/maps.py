@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Floats, Ints, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
@@ -146,7 +146,7 @@ def stretches(network: Network | None) -> Ints:
     return np.concatenate([[0], np.cumsum(np.maximum(1, np.ceil(network.length / STRETCH)))]).astype(np.int64)
 
 
-def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> NDArray[np.bool_]:
+def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> Mask:
     """(N,) rows of the hours of the day [UTC) and the load state ``all``, ``laden`` or ``empty``."""
     use = np.ones(len(t), np.bool_)
     if hours is not None:
@@ -195,7 +195,7 @@ def _patches(
     return {name: _patch(t, rows, cells, dataset.site.network) for name, rows in groups.items() if rows.any()}
 
 
-def _patch(t: Trajectory, use: NDArray[np.bool_], c: Cells, network: Network | None) -> Patch:
+def _patch(t: Trajectory, use: Mask, c: Cells, network: Network | None) -> Patch:
     from fleetlog.analysis.occupancy.kernels import accumulate, along_edges
 
     first = stretches(network)
@@ -211,7 +211,7 @@ def _patch(t: Trajectory, use: NDArray[np.bool_], c: Cells, network: Network | N
     return Patch(row + origin[0], column + origin[1], grid[:, row, column], driven, edges[:, driven])
 
 
-def _groups(t: Trajectory, by: Grouping | None) -> dict[str, NDArray[np.bool_]]:
+def _groups(t: Trajectory, by: Grouping | None) -> dict[str, Mask]:
     """The groups of a vehicle-day and the rows (N,) of each."""
     if by == "hour":
         hour = t.time // HOUR % 24

@@ -6,8 +6,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 

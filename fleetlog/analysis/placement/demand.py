@@ -4,10 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 
@@ -67,7 +66,7 @@ def day_of(dataset: Dataset, vehicle: str, date: str, shortest: float) -> Unit:
     return Unit(t.vehicle_id, day, visits, standing, urgent, loading, spells)
 
 
-def _visits(edge: NDArray[np.int32], time: Floats, network: Network) -> list[Ints]:
+def _visits(edge: Index, time: Floats, network: Network) -> list[Ints]:
     """Sequences of vertices in the order driven, broken at gaps, off the map, and where edges do not join."""
     out: list[list[int]] = [[]]
     for i in np.flatnonzero(np.diff(edge, prepend=-2)).tolist():

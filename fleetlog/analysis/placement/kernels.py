@@ -1,15 +1,14 @@
 """The Numba kernel of the site selection."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
-from fleetlog.core.trajectory import Floats
+from fleetlog.core.arrays import Floats, Mask
 
 
 @kernel()
 def lagrangian(
-    cost: Floats, u: Floats, k: int, forced: NDArray[np.bool_], upper: float, rounds: int, stop: float
+    cost: Floats, u: Floats, k: int, forced: Mask, upper: float, rounds: int, stop: float
 ) -> float:
     """A lower bound of the p-median cost: subgradient steps on the relaxed "every demand is served once".
 

@@ -11,8 +11,8 @@ from fleetlog.analysis.placement.costs import Metric, vertex_distances
 from fleetlog.analysis.placement.demand import Unit
 from fleetlog.analysis.placement.ranks import flow_counts, rank, visit_share, vote_scores
 from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.errors import DataError
 
 Method = Literal["pmedian", "spaced", "topk", "cover"]

@@ -13,7 +13,7 @@ matrix *is* the share of visits, and with v equal to that share it is so for eve
 import numpy as np
 from scipy import sparse
 
-from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints
 
 
 def link_matrix(counts: sparse.csr_array) -> sparse.csc_array:

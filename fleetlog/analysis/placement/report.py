@@ -9,8 +9,8 @@ from fleetlog.analysis.placement.costs import UNITS
 from fleetlog.analysis.placement.demand import Unit, peak
 from fleetlog.analysis.placement.plan import Question, Weighed, total
 from fleetlog.analysis.placement.select import Choice, finite, greedy, top_k
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.core.words import count, listed, percent
 
 DRAWS = 200

@@ -9,11 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import Bounds, LinearConstraint, milp
 
-from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.words import percent
 from fleetlog.errors import DataError
 
@@ -96,7 +95,7 @@ def greedy(cost: Floats, fixed: Ints, k: int) -> Ints:
     return np.array(out, dtype=np.int64)
 
 
-def interchange(cost: Floats, sites: Ints, fixed: NDArray[np.bool_]) -> tuple[Ints, float]:
+def interchange(cost: Floats, sites: Ints, fixed: Mask) -> tuple[Ints, float]:
     """p-median by best-improvement interchange (Teitz and Bart 1968, with Whitaker's bookkeeping).
 
     ``cost`` (m, n) is the weighted distance of demand i to site j, ``sites`` (k,) the start, ``fixed`` (n,)
@@ -122,7 +121,7 @@ def interchange(cost: Floats, sites: Ints, fixed: NDArray[np.bool_]) -> tuple[In
 
 
 def _capacitated(
-    cost: Floats, share: Floats, candidates: Ints, k: int, forced: NDArray[np.bool_], capacity: float
+    cost: Floats, share: Floats, candidates: Ints, k: int, forced: Mask, capacity: float
 ) -> Choice:
     """The p-median of which no site serves more than ``capacity``."""
     m, n = cost.shape
@@ -140,9 +139,7 @@ def _capacitated(
     return Choice(candidates[on], float(result.fun), float(result.mip_gap or 0.0), served)
 
 
-def _program(
-    cost: Floats, k: int, forced: NDArray[np.bool_], share: Floats | None = None, capacity: float = 1.0
-) -> Any:
+def _program(cost: Floats, k: int, forced: Mask, share: Floats | None = None, capacity: float = 1.0) -> Any:
     """The p-median by HiGHS on x (n,), integer, then y (m n,): y_ij <= x_j, sum_j y_ij = 1, sum x <= k.
 
     With the ``share`` (m,) of each demand also sum_i share_i y_ij <= capacity x_j.

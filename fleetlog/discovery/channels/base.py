@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.lost import Lost
@@ -23,8 +24,6 @@ from fleetlog.discovery.recording.splits import Split
 from fleetlog.discovery.recording.windows import Windows
 from fleetlog.physics.term import Term
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Columns = NDArray[np.float32]
 
 CODES = ("vehicle_id", "day", "trip_id", "heading")
@@ -42,7 +41,7 @@ class Unit:
 
     windows: Windows
     recorded: Floats
-    whole: NDArray[np.bool_]
+    whole: Mask
     noise: Floats
     level: Floats
     swing: Floats
@@ -53,7 +52,7 @@ class Unit:
         """Tells it from all others of the channel."""
         return int(self.windows.vehicle[0]), float(self.windows.time[0])
 
-    def part(self, keep: NDArray[np.bool_], own: Any) -> "Unit":
+    def part(self, keep: Mask, own: Any) -> "Unit":
         """Return some of the windows, (W,), with the channel's ``own`` of these."""
         return Unit(**picked(self, keep, "own"), own=own)
 
@@ -133,7 +132,7 @@ class Channel(ABC):
         """Return the motion of a unit, and the window of each of its samples."""
 
     @abstractmethod
-    def part(self, unit: Unit, keep: NDArray[np.bool_]) -> Unit:
+    def part(self, unit: Unit, keep: Mask) -> Unit:
         """Return some of the windows of a unit, (W,), which are all of some trips."""
 
     @abstractmethod

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.channels.energy_columns import About, jumps
@@ -23,9 +23,6 @@ from fleetlog.discovery.settings import Settings
 from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.power import all_terms, battery_power
 from fleetlog.physics.term import GRAVITY, Term
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 """Share of a window from which on it is a standstill, and up to which it is none; power above the usual that
@@ -148,7 +145,7 @@ class EnergyChannel(Channel):
         known = (seconds > 0.5 * unit.windows.duration) & unit.whole & np.isfinite(energy)
         return np.where(known, energy * unit.windows.duration / np.maximum(seconds, 1e-9) - now, 0.0)
 
-    def _seen_lifts(self, block: Block, c: Cut, seconds: Floats, energy: Floats) -> NDArray[np.bool_]:
+    def _seen_lifts(self, block: Block, c: Cut, seconds: Floats, energy: Floats) -> Mask:
         """(W,) windows without hydraulics that nothing shows: a log without fork height has lifts at
         standstill all the same.
 
@@ -265,7 +262,7 @@ class EnergyChannel(Channel):
             "trip_id": np.searchsorted(np.array(self.fleet.own_trips, np.int64), block.trip).astype(float),
         }  # fmt: skip
 
-    def part(self, unit: Unit, keep: NDArray[np.bool_]) -> Unit:
+    def part(self, unit: Unit, keep: Mask) -> Unit:
         """Return some of the windows of a unit."""
         block, c = unit.own
         rows, samples, number = keep[c.of_row], keep[c.of_sample], (np.cumsum(keep) - 1).astype(np.int32)
@@ -330,7 +327,7 @@ def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:
     return np.where(charged, np.nan, -np.diff(border) * capacity * 1e-3)
 
 
-def _charged(block: Block, c: Cut) -> NDArray[np.bool_]:
+def _charged(block: Block, c: Cut) -> Mask:
     """(windows,) whether the battery took energy that no wheel gave: standing, or by a leap of its charge."""
     m = block.motion
     still = (block.rows(m.speed) <= 0.0) & (np.abs(block.rows(m.lift_speed)) <= 0.0)

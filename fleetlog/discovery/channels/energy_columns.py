@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Channel, Columns, side_by_side
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
@@ -18,8 +18,6 @@ from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.recording.windows import Cut
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import GRAVITY, Term
-
-Floats = NDArray[np.float64]
 
 STEP = 0.01
 """Finite differences, as a share of a range: large against rounding, small against the switch to braking."""

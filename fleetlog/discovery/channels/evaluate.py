@@ -7,14 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, cell_power, drive_powers
 from fleetlog.physics.term import Floats, Term, Values
-
-Index = NDArray[np.int32]
 
 
 @dataclass(frozen=True)

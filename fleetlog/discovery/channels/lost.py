@@ -7,12 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.paths import Path
 from fleetlog.discovery.hypotheses.stretches import Stretches
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 OWN = 60.0
 """Undisturbed driving after which a stretch of lane is known by itself, and no longer by all others [s]."""

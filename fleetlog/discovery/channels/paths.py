@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.discovery.hypotheses.stretches import Stretches
@@ -21,10 +22,6 @@ from fleetlog.discovery.recording.turns import measure
 from fleetlog.discovery.recording.windows import Windows
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 KINK, SLIGHT = 1.0, 0.5
 """Way on which a truck that follows the map's line takes its kinks [m]; a larger one is a corner, which is

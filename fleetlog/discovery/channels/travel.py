@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.channels.lost import Lost, lost_time
@@ -21,10 +21,6 @@ from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 FEW = 3  # Stops from which on trucks wait at a place
 

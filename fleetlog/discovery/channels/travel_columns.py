@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import Channel, Columns, side_by_side
 from fleetlog.discovery.channels.paths import Path
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
@@ -15,10 +15,6 @@ from fleetlog.discovery.model import Model
 from fleetlog.physics.motion.legs import quickest
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Term
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 STEP = 0.02  # Finite differences, as a share of a parameter's range
 

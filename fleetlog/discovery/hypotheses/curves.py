@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from fleetlog.core.arrays import Floats, Ints
+
 Mode = Literal["force", "drive", "power", "moving", "still", "time"]
 
 UNIT = {"force": 0.01, "drive": 0.1, "power": 300.0, "moving": 300.0, "still": 300.0, "time": 0.1}

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import SLOW, FreeCurve
 from fleetlog.discovery.hypotheses.scope import FLEET, Scope
@@ -15,8 +15,6 @@ from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Sourc
 from fleetlog.discovery.model import Knob
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Parameter, Term
-
-Floats = NDArray[np.float64]
 
 SHAPES = 13  # Values of a shape parameter that are scanned; steps between them refine the best
 

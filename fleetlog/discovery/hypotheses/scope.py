@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.physics.own import share
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, order=True)

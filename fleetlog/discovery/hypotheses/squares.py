@@ -7,12 +7,10 @@ north sin.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints
 from fleetlog.core.motion import Motion
-from fleetlog.discovery.hypotheses.stretches import Cells, Index, Part
-
-Floats = NDArray[np.float64]
+from fleetlog.discovery.hypotheses.stretches import Cells, Part
 
 SMALLEST = 8.0  # Side of a square [m]
 MOST = 350  # More squares than this are made larger instead
@@ -26,7 +24,7 @@ class Squares(Cells):
     """C squares of ``side`` [m] that were driven over; ``key`` (C,) sorted codes of column and row."""
 
     side: float
-    key: NDArray[np.int64]
+    key: Ints
 
     @property
     def size(self) -> int:
@@ -62,7 +60,7 @@ class Squares(Cells):
         return np.asarray(np.kron(one, np.eye(2)) if self.odd else one)
 
 
-def _key(x: Floats, y: Floats, side: float) -> NDArray[np.int64]:
+def _key(x: Floats, y: Floats, side: float) -> Ints:
     column = np.floor(np.nan_to_num(x) / side).astype(np.int64)
     row = np.floor(np.nan_to_num(y) / side).astype(np.int64)
     return np.asarray((column + (1 << 20)) * (1 << 22) + row + (1 << 20))

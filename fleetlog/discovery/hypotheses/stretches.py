@@ -10,13 +10,11 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 Part = tuple[Index, Floats]  # (N,) number of a field's value, -1 for none, and (N,) its weight
 
 LENGTH = 8.0  # Of a stretch, before edges are divided evenly [m]
@@ -108,7 +106,7 @@ class Stretches(Cells):
         cell = self.first[edge] + np.floor(share * self.count[edge]).astype(np.int32)
         return np.where(on, cell, -1).astype(np.int32), self.sign[edge]
 
-    def road(self, edge: NDArray[np.int64] | Index) -> Index:
+    def road(self, edge: Ints | Index) -> Index:
         """(N,) the edge in whose direction the road of each is counted; -1 off the map."""
         return np.where(edge >= 0, self.road_edge[self.first[np.maximum(edge, 0)]], -1).astype(np.int32)
 

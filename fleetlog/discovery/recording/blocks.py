@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion import Reconstruction, reconstruct
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DAY = 86_400_000_000  # Microseconds
 TRIP = 1_000_000  # Trip codes count on from this much of each vehicle
@@ -53,7 +51,7 @@ class Block:
     """
 
     motion: Motion
-    row: NDArray[np.int32]
+    row: Index
     likely: NDArray[np.float32]
     time: Floats
     seconds: Floats
@@ -77,7 +75,7 @@ class Block:
         """Return the block without what can be made anew."""
         return replace(self, fresh=None)
 
-    def part(self, rows: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Block:
+    def part(self, rows: Mask, samples: Mask) -> Block:
         """Return some rows, and their samples."""
         number = (np.cumsum(rows) - 1).astype(np.int32)
         motion, row = narrow(self.motion[samples]), number[self.row[samples]]
@@ -95,13 +93,13 @@ class Block:
         return self.motion.replaced(acceleration=self.likely)
 
     @cached_property
-    def first(self) -> NDArray[np.int32]:
+    def first(self) -> Index:
         """(rows,) the first sample of each row."""
         found = np.searchsorted(self.row, np.arange(len(self), dtype=np.int32))
         return np.minimum(found, len(self.motion) - 1).astype(np.int32)
 
     @cached_property
-    def silent(self) -> NDArray[np.bool_]:
+    def silent(self) -> Mask:
         """(rows,) whether the log was silent before a row."""
         m = self.motion
         gap = m.time[1:] - m.time[:-1] - 0.5 * (m.dt[1:] + m.dt[:-1]) > 1e-3

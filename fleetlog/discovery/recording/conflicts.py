@@ -10,14 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.recording.routes import Route
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 WIDTH, ABREAST = 2.0, 1.2
 """Two trucks cannot be at places nearer than this at once; than that, where they meet head-on [m]."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -109,7 +109,7 @@ class Fleet:
         """Return whether most of what there is to learn is seen in one pass, or in one trip, only."""
         return bool(self.own_trips) or passed_once(self.days, window)
 
-    def moments(self, count: int) -> NDArray[np.float64]:
+    def moments(self, count: int) -> Floats:
         """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
         return np.quantile(self._times, np.linspace(0.0, 1.0, count + 1))
 
@@ -119,7 +119,7 @@ class Fleet:
         return float(np.ptp(self._times))
 
     @cached_property
-    def _times(self) -> NDArray[np.float64]:
+    def _times(self) -> Floats:
         """Times of some 5,000 rows a vehicle-day [s since 1970]."""
         return np.concatenate([t.time[:: max(1, len(t) // 5000)] for _, t in self.days]) * 1e-6
 

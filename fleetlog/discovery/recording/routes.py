@@ -5,16 +5,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import join
 from fleetlog.discovery.recording.blocks import Block, narrow
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.physics.motion.legs import Leg, legs
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 PURPOSE = 90.0  # A longer standstill has a purpose of its own [s]
 LOAD, LIFT = 25.0, 0.08  # Change of payload [kg] and fork height [m] that show a purpose
@@ -54,7 +50,7 @@ class Route:
         before = np.cumsum([0.0, *(leg.distance[-1] for leg in self.legs)])[:-1] + APART * self.errand
         return np.concatenate([leg.distance + b for leg, b in zip(self.legs, before, strict=True)])
 
-    def nodes(self, name: str) -> NDArray[np.float64]:
+    def nodes(self, name: str) -> Floats:
         """(N,) a variable of the motion at every node."""
         return np.concatenate([getattr(leg.path, name) for leg in self.legs])
 

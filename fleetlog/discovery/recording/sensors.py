@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.recording.blocks import TRIP, Block
 from fleetlog.discovery.recording.fleet import Fleet
@@ -22,9 +22,6 @@ from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.physics.motion.rows import metres_driven
 from fleetlog.physics.power import Physics, all_terms, battery_power
 from fleetlog.physics.term import Term
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LONGEST = 40.0  # Largest shift that is tried [s]: clocks of two loggers that are set by hand
 ALIKE = 0.01

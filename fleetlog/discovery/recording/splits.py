@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.recording.windows import Windows
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Days = Sequence[tuple[int, Trajectory]]
 Kind = Literal["trips", "stretches", "vehicles", "days"]
 
@@ -54,11 +52,11 @@ class Split:
             self._folds(self.unit(w), int(w.vehicle[0]), int(w.day[0])) if len(w) else np.zeros(0, np.int64)
         )
 
-    def rows(self, trip: Ints, time: NDArray[np.float64], vehicle: int, day: int) -> Ints:
+    def rows(self, trip: Ints, time: Floats, vehicle: int, day: int) -> Ints:
         """Return the same for the rows of a vehicle-day."""
         return self._folds(self._units(trip, time, np.full(len(trip), vehicle)), vehicle, day)
 
-    def _units(self, trip: Ints, time: NDArray[np.float64], vehicle: Ints) -> Ints:
+    def _units(self, trip: Ints, time: Floats, vehicle: Ints) -> Ints:
         if self.kind == "trips":
             return trip
         return np.asarray(vehicle * (1 << 32) + (time // self.length).astype(np.int64))
@@ -72,7 +70,7 @@ class Split:
         test = self._dealt(codes, max(2, round(1.0 / self.held_out)), 1) == 0
         return np.where(test[which], HELD_OUT, out)
 
-    def drawn(self, w: Windows, share: float) -> NDArray[np.bool_]:
+    def drawn(self, w: Windows, share: float) -> Mask:
         """Return which windows belong to an even sample of what is not held out, (W,)."""
         return np.asarray((_mixed(self.unit(w)) % 1000 < 1000.0 * share) & (self.fold(w) != HELD_OUT))
 

@@ -11,13 +11,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.legs import Leg
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Way = tuple[int, int]  # Edges before and behind a junction
 
 FEWEST = 3  # Passages from which on a way over a junction is known

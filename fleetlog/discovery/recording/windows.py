@@ -11,21 +11,17 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints
 from fleetlog.discovery.recording.blocks import Block, picked
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Codes = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
 class Cut:
     """The windows of a block, 0..count-1 in order: ``of_row`` (rows,) and ``of_sample`` (n,) number them."""
 
-    of_row: Codes
-    of_sample: Codes
+    of_row: Index
+    of_sample: Index
     count: int
 
     @cached_property
@@ -37,7 +33,7 @@ class Cut:
         """Return the energy of a power along the samples [W], (count,) [kJ]."""
         return np.asarray(np.add.reduceat(power * block.motion.dt, self.begin) * 1e-3, dtype=np.float64)
 
-    def energies(self, block: Block, cell: NDArray[np.int32], cells: int, power: Floats) -> Floats:
+    def energies(self, block: Block, cell: Index, cells: int, power: Floats) -> Floats:
         """Return the energy by the cell of each sample, (count, cells) [kJ]; negative ones count nowhere."""
         on = cell >= 0
         flat = self.of_sample[on] * cells + cell[on]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.squares import Squares
@@ -15,8 +16,6 @@ from fleetlog.discovery.model import field_values
 from fleetlog.discovery.report.finding import NORMAL, Parameter, interval
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.term import Term
-
-Floats = NDArray[np.float64]
 
 LARGE = 0.35
 """Values with this share of the largest belong to where the effect is: less is the fringe of the prior."""
@@ -34,13 +33,13 @@ class Values:
 
     deviation: Floats
     error: Floats
-    samples: NDArray[np.int64]
+    samples: Ints
     basis: Floats
     covariance: Floats
     widening: float = 1.0  # Of the standard errors that these hold
 
 
-def large(v: Values) -> NDArray[np.bool_]:
+def large(v: Values) -> Mask:
     """Return the values that stand out: significant by themselves and not small beside the largest."""
     known = v.samples >= FEW
     size = np.abs(v.deviation)
@@ -61,7 +60,7 @@ def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, 
     return (None if even and not rows else where), [_size(v, mask, term)]
 
 
-def _size(v: Values, mask: NDArray[np.bool_], term: Term) -> Parameter:
+def _size(v: Values, mask: Mask, term: Term) -> Parameter:
     """The largest value of an odd field, its interval from fields that trips allow; the mean of others."""
     first = term.parameters[0]
     draws = np.random.default_rng(0).multivariate_normal(
@@ -102,7 +101,7 @@ def row(cells: Stretches, run: NDArray[np.intp], value: float, low: float, high:
     }  # fmt: skip
 
 
-def _merged(cells: Stretches, v: Values, mask: NDArray[np.bool_], term: Term) -> list[dict[str, Any]]:
+def _merged(cells: Stretches, v: Values, mask: Mask, term: Term) -> list[dict[str, Any]]:
     first = term.parameters[0]
     zero = first.scaled(first.neutral)
     out = []
@@ -117,7 +116,7 @@ def _merged(cells: Stretches, v: Values, mask: NDArray[np.bool_], term: Term) ->
 
 
 def runs_by_edge(
-    cells: Stretches, mask: NDArray[np.bool_], sign: Floats, *, bridged: bool = False
+    cells: Stretches, mask: Mask, sign: Floats, *, bridged: bool = False
 ) -> Iterator[NDArray[np.intp]]:
     """Yield runs of kept stretches of an edge and a sign; ``bridged`` over a single quiet one between."""
     for edge in np.unique(cells.road_edge[mask]):
@@ -128,7 +127,7 @@ def runs_by_edge(
         yield from (on[run] for run in runs(keep, own))
 
 
-def runs(keep: NDArray[np.bool_], sign: Floats) -> list[NDArray[np.intp]]:
+def runs(keep: Mask, sign: Floats) -> list[NDArray[np.intp]]:
     """Return index runs of kept stretches of one sign."""
     on = np.flatnonzero(keep)
     return np.split(on, np.flatnonzero((np.diff(on) > 1) | (np.diff(sign[on]) != 0)) + 1) if len(on) else []

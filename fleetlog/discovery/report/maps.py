@@ -1,16 +1,14 @@
 """Shapes for the eye: the mismatch over the roads before and after, and power on a bad trip."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.result import EdgeValues, Grid, Series, Shape
 from fleetlog.discovery.channels.energy import EnergyChannel
 from fleetlog.discovery.explain import Explained
 from fleetlog.discovery.hypotheses.squares import Squares
 from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.model import Model
-
-Floats = NDArray[np.float64]
 
 FEWEST = 10.0  # Seconds of driving behind a value that is drawn
 LONG = 300  # Rows of a trip that is drawn at most
@@ -53,9 +51,7 @@ def _mismatch(channel: EnergyChannel, model: Model, name: str) -> Shape | None:
     return _grid(cells, value[0], name, label)
 
 
-def _edge_values(
-    cells: Stretches, value: Floats, known: NDArray[np.bool_], name: str, label: str
-) -> EdgeValues:
+def _edge_values(cells: Stretches, value: Floats, known: Mask, name: str, label: str) -> EdgeValues:
     back, length = cells.network.reverse[cells.road_edge], cells.network.length[cells.road_edge]
     parts = []
     for way in (0, 1):

@@ -9,14 +9,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.search.design import Atom, Design
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.ridge import Prior, stiff
 from fleetlog.discovery.search.sums import Sums
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.scope import Scope
@@ -16,8 +17,6 @@ from fleetlog.discovery.hypotheses.sources import KnobSource, Layout, Source
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.search.ridge import Normal, Prior
 from fleetlog.discovery.search.sums import Sums
-
-Floats = NDArray[np.float64]
 
 CERTAIN = 2.0  # A tolerance is stated at this many standard deviations
 ALIKE = 0.5  # Trucks of a fleet differ by this share of the tolerance of the truck file
@@ -27,7 +26,7 @@ ALIKE = 0.5  # Trucks of a fleet differ by this share of the tolerance of the tr
 class Atom:
     """One coefficient: weighted ``columns``, of one ``vehicle`` or all; its prior, bounds and owner."""
 
-    columns: NDArray[np.int64]
+    columns: Ints
     weights: Floats
     precision: float
     centre: float = 0.0
@@ -92,7 +91,7 @@ class Design:
             self._vehicles(sums, basis, fleet, n)
         return n
 
-    def columns(self, x: NDArray[np.float32], vehicle: NDArray[np.int64]) -> Floats:
+    def columns(self, x: NDArray[np.float32], vehicle: Ints) -> Floats:
         """Return the coefficients' columns, (W, k), from the layout's, (W, P), and the windows' vehicles."""
         out = np.empty((len(x), len(self.atoms)))
         for j, atom in enumerate(self.atoms):
@@ -100,7 +99,7 @@ class Design:
             out[:, j] = own if atom.vehicle is None else own * (vehicle == atom.vehicle)
         return out
 
-    def _vehicles(self, sums: Sums, basis: sparse.csr_matrix, fleet: NDArray[np.bool_], n: Normal) -> None:
+    def _vehicles(self, sums: Sums, basis: sparse.csr_matrix, fleet: Mask, n: Normal) -> None:
         """Fill in the products of the coefficients that belong to one vehicle."""
         own = [a for a in self.atoms if a.vehicle is not None]
         column, of = np.array([int(a.columns[0]) for a in own]), np.array([a.vehicle for a in own])

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model, field_values
@@ -15,8 +14,6 @@ from fleetlog.discovery.search.scopes import narrowed, scoped
 from fleetlog.discovery.search.screen import Screened, screen
 from fleetlog.discovery.search.sizes import Size, local, size_of, without
 from fleetlog.discovery.search.sums import Sums
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

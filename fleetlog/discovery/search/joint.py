@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.search.design import Design, make_design
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Fitted, cross_validated
 from fleetlog.discovery.search.sums import Sums
-
-Floats = NDArray[np.float64]
 
 MOST_STEPS = 4
 SETTLED = 0.02  # Steps end when every number moves by less than this share of its tolerance or range

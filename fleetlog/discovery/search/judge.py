@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import stdtr
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
@@ -15,9 +15,6 @@ from fleetlog.discovery.report.finding import ChannelFit, Errors
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.sizes import hidden, predicted
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FEWEST_CLUSTERS = 3
 NEIGHBOURS = 10
@@ -123,7 +120,7 @@ def _floor(problem: Problem, before: Model) -> float | None:
     return max(repeated, float(np.sqrt(np.mean(stated))))
 
 
-def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: NDArray[np.bool_]) -> float | None:
+def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) -> float | None:
     """Return the noise in the ``wanted`` windows (root mean square); None with too few windows.
 
     Windows that are alike (place, direction, load, pace) differ by noise alone.  Half the mean square of the

@@ -13,11 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.discovery.channels.base import Columns, Unit
 from fleetlog.discovery.recording.windows import Windows
 from fleetlog.discovery.settings import Settings
-
-Floats = NDArray[np.float64]
 
 CLASSES = 12
 FREE = 0.02  # Ridge of the freest model, as a share of each column's own square: idle columns stay small
@@ -67,7 +66,7 @@ Table = tuple[Unit, Floats, Columns]  # A unit, its modelled quantity (W,), and 
 
 def learn(
     tables: Iterable[Table], settings: Settings, model_error: float,
-    together: Callable[[Windows], NDArray[np.int64]],
+    together: Callable[[Windows], Ints],
 ) -> Noise:  # fmt: skip
     """Measure the noise; windows held out ``together``, (W,), are the independent samples."""
     kept: list[Table] = []
@@ -137,7 +136,7 @@ def _classes(kept: list[Table], residual: list[Floats], levels: list[Floats], mo
 
 
 def _design(
-    kept: list[Table], residual: list[Floats], noise: Noise, together: Callable[[Windows], NDArray[np.int64]]
+    kept: list[Table], residual: list[Floats], noise: Noise, together: Callable[[Windows], Ints]
 ) -> float:
     """Mean square of sums over what is held out together, of a constant and the energy, over their parts'."""
     found = []

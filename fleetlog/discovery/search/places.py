@@ -1,8 +1,8 @@
 """Where on the roads: the stretches over which a field stands out, found in the sums, one after the other."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern
 from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.search.beside import beside
@@ -10,8 +10,6 @@ from fleetlog.discovery.search.design import of_hypothesis
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.sums import Sums
-
-Floats = NDArray[np.float64]
 
 MOST_PATTERNS = 6
 

@@ -3,9 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from fleetlog.core.arrays import Ints
 from fleetlog.discovery.channels.base import Channel, Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Layout, Source, lay_out
@@ -14,8 +12,6 @@ from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.search.noise import Noise, Table, learn
 from fleetlog.discovery.search.sums import Sums
 from fleetlog.discovery.settings import Settings
-
-Ints = NDArray[np.int64]
 
 
 @dataclass

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fleetlog.core.arrays import Floats, Mask
 
 ROUNDS = 12  # Rounds of holding coefficients on their bounds; the set settles in two or three
 
@@ -19,11 +19,11 @@ class Prior:
     low: Floats
     high: Floats
 
-    def part(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> "Prior":
+    def part(self, which: NDArray[np.intp] | Mask) -> "Prior":
         """Return that of some coefficients."""
         return Prior(self.precision[which], self.centre[which], self.low[which], self.high[which])
 
-    def within(self, beta: Floats) -> NDArray[np.bool_]:
+    def within(self, beta: Floats) -> Mask:
         """Return which coefficients stand on no bound."""
         return np.asarray((beta > self.low) & (beta < self.high))
 

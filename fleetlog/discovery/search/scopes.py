@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
 from fleetlog.discovery.hypotheses.scope import Scope
 from fleetlog.discovery.model import Knob
@@ -20,8 +20,6 @@ from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
 from fleetlog.discovery.search.screen import Screened
-
-Floats = NDArray[np.float64]
 
 SLOTS = 48  # Of the recorded time: a change is placed within a hundredth of it
 GROUPS = 600  # Trucks times slots at most: of large fleets the slots are wider

@@ -4,9 +4,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.search.beside import beside
 from fleetlog.discovery.search.design import Atom, Design, of_hypothesis
@@ -14,8 +12,6 @@ from fleetlog.discovery.search.joint import SHARES, VARIANCES, Joint, scored, ti
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
 from fleetlog.discovery.search.sums import Sums
-
-Floats = NDArray[np.float64]
 
 TOGETHER = 100  # Columns that are looked at together: many small products cost time, very large ones room
 

@@ -3,15 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
-
-Floats = NDArray[np.float64]
 
 
 def local(h: Hypothesis) -> bool:

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.discovery.hypotheses.sources import Layout
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Rows = NDArray[np.float32]
 
 ENOUGH = 4096  # Windows that are multiplied at once

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fleetlog.core.trajectory import Floats, Trajectory
-from fleetlog.physics.motion.rows import Flags
+from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.trajectory import Trajectory
 
 LONGEST_HOLD = 60.0  # A load is held through a silence of its channel up to this [s]
 
@@ -87,7 +87,7 @@ def measured_power(trajectory: Trajectory) -> Floats:
     return np.where(np.isfinite(power), power, product)
 
 
-def slope_from_height(coordinate: Floats, z: Floats, breaks: Flags) -> Floats:
+def slope_from_height(coordinate: Floats, z: Floats, breaks: Mask) -> Floats:
     """(N,) slope angle [rad] from measured heights over the path coordinate; 0 where there are none.
 
     A straight line fitted to the heights within half a window before and after each row; the window is so

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.physics.motion.reconstruction import Reconstruction
-from fleetlog.physics.motion.rows import Flags
 from fleetlog.physics.power import Physics, allowed_speed
 
 STEP = 0.5  # Between the nodes of a leg, at most [m]
@@ -111,7 +110,7 @@ def legs(found: Reconstruction) -> list[Leg]:
     return [leg for leg in out if leg is not None]
 
 
-def _changes(moving: Flags, gap: Flags) -> Ints:
+def _changes(moving: Mask, gap: Mask) -> Ints:
     """Where driving, standing or another stretch begins."""
     return np.flatnonzero(np.append(True, (moving[1:] != moving[:-1]) | gap[1:]))
 
@@ -189,7 +188,7 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
 
 
 def quickest(
-    distance: Floats, path: Motion, physics: Physics, rest: Flags, wait: Floats
+    distance: Floats, path: Motion, physics: Physics, rest: Mask, wait: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """(N,) speeds [m/s], arrival times [s] and the speeds that are allowed on a path, where ``path.speed`` is
     the limit; a truck stops where it is at ``rest``, and stands for ``wait`` [s]."""

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Floats, Ints
-from fleetlog.physics.motion.rows import Codes, Flags
+from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.physics.motion.rows import Codes
 
 SAMPLE = 12_000  # Rows on which the noise is measured, in up to six runs
 PERSISTENCE = 3.0  # Of an acceleration: as long as a truck gathers speed [s]; the jerk is that of any rate
@@ -43,7 +43,7 @@ class Observed(NamedTuple):
     t: Floats
     seen: Floats
     speed: Floats
-    rest: Flags
+    rest: Mask
     link: Codes
 
     def sample(self, rows: int) -> Observed:

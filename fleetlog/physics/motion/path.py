@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fleetlog.core.network import Floats, Index, Network
+from fleetlog.core.arrays import Floats, Index, Mask
+from fleetlog.core.network import Network
 from fleetlog.physics.motion.noise import Noise, Observed, estimate_noise, smooth
-from fleetlog.physics.motion.rows import Codes, Flags, Rows
+from fleetlog.physics.motion.rows import Codes, Rows
 
 RADIUS = 2.5  # Of a corner [m], where no truck says otherwise
 BOW = 0.1  # A gentle kink is rounded as widely as the curve stays this close to the corner [m]
@@ -36,7 +37,7 @@ class Visits(NamedTuple):
     edge: Index  # -1 off the map
     origin: Floats  # Map coordinate of its start [m]
     length: Floats  # [m]
-    joined: Flags  # Whether it was entered from the visit before, not by a jump
+    joined: Mask  # Whether it was entered from the visit before, not by a jump
 
 
 class Bends(NamedTuple):
@@ -98,7 +99,7 @@ def track_of(rows: Rows) -> Track:
     return Track(np.cumsum(step), ahead, heading, np.append(0.0, np.cumsum(turn)))
 
 
-def _held_heading(vx: Floats, vy: Floats, moves: Flags) -> Floats:
+def _held_heading(vx: Floats, vy: Floats, moves: Mask) -> Floats:
     """Direction of motion, unwrapped; at a standstill that of the last motion, at first that of the next."""
     moving = np.flatnonzero(moves)
     if not len(moving):
@@ -151,7 +152,7 @@ def _rounded(network: Network, visits: Visits, stood: Floats, radius: float) -> 
     return Bends(knots, turned, np.maximum.accumulate(knots - np.minimum(lost, knots - knots[0])))
 
 
-def _vertices(network: Network, v: Visits) -> tuple[Floats, Floats, Floats, Flags]:
+def _vertices(network: Network, v: Visits) -> tuple[Floats, Floats, Floats, Mask]:
     """Map coordinate, angle [rad] and shorter leg [m] of every corner passed; whether between edges."""
     on = np.flatnonzero(v.edge >= 0)
     first, p, d = network.first, network.points, network.distance

@@ -12,19 +12,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Floats, Ints, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.noise import Noise, Observed, Smoothed, estimate_noise, jerk_strength, smooth
 from fleetlog.physics.motion.path import RADIUS, by_second, follow, track_of
-from fleetlog.physics.motion.rows import STANDING, Flags, against_odometer, read_rows, speed_is_mean
+from fleetlog.physics.motion.rows import STANDING, against_odometer, read_rows, speed_is_mean
 from fleetlog.physics.motion.samples import assembled, row_spans, sample_grid
 
-Numbers = NDArray[np.int32] | Ints
+Numbers = Index | Ints
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Reconstruction:
     dt_row: Floats  # (N,) seconds that each row stands for; 0 across gaps
     speed_sd: Floats  # (n,) standard deviation [m/s]
     acceleration_sd: Floats  # (n,) standard deviation [m/s2]
-    standing: Flags  # (n,) whether the truck is slower than ``STANDING``, by what the whole log says
+    standing: Mask  # (n,) whether the truck is slower than ``STANDING``, by what the whole log says
     noise: Noise  # What was measured of the channels
     node: Ints  # (n,) place of the samples among ...
     states: Smoothed  # ... the smoothed states

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Floats, Index, Network
+from fleetlog.core.arrays import Floats, Index, Mask
+from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 
-Flags = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
 
 SHORTEST_GAP = 10.0  # A silence of this and of five usual intervals ends a stretch [s]
@@ -32,9 +32,9 @@ class Rows:
     t: Floats  # [s]
     x: Floats  # [m], interpolated where unknown
     y: Floats
-    fresh: Flags  # Whether the position was measured then
+    fresh: Mask  # Whether the position was measured then
     speed: Floats  # [m/s], NaN unknown
-    breaks: Flags  # After a silence
+    breaks: Mask  # After a silence
     edge: Index  # -1 off the map
     offset: Floats  # [m]
 
@@ -44,7 +44,7 @@ class Rows:
         return np.where(self.breaks, 2, 0).astype(np.uint8)
 
     @cached_property
-    def rest(self) -> Flags:
+    def rest(self) -> Mask:
         """Of a standstill: the speed says so, else the match put them on one spot, else positions stay."""
         from fleetlog.physics.motion.kernels.way import stays
 
@@ -93,7 +93,7 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
     return Rows(t, x, y, fresh, speed, breaks, edge, np.nan_to_num(offset))
 
 
-def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
+def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Mask:
     """Return the (N,) rows whose position is known and new.
 
     A position that is repeated while the speed says that the truck moved was not measured again; without a
@@ -118,7 +118,7 @@ def metres_driven(t: Floats, speed: Floats) -> Floats:
     return np.cumsum(np.append(0.0, np.nan_to_num(0.5 * (speed[1:] + speed[:-1])) * np.diff(t)))
 
 
-def _inner(t: Floats, rest: Flags) -> Flags:
+def _inner(t: Floats, rest: Mask) -> Mask:
     """Standstills without their ends: positions cannot tell the last creeping metre from standing."""
     inner = np.zeros(len(rest), np.bool_)
     for begin, end in np.flatnonzero(np.diff(rest, prepend=False, append=False)).reshape(-1, 2).tolist():
@@ -154,7 +154,7 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
     return share > 0.5 and share > 5.0 * error
 
 
-def against_odometer(rows: Rows, way: Floats, jumps: Flags) -> tuple[float, Flags]:
+def against_odometer(rows: Rows, way: Floats, jumps: Mask) -> tuple[float, Mask]:
     """Metres of ``way`` (N,) that positions show for a metre by the speed channel, 1 where unknown; and the
     (N,) rows whose way since the last known row is not what it says then: a wrong match, or a bay.
 

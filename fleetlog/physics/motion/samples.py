@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Floats, Ints, Trajectory
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion.channels import Forks, measured_power, payload, slope_from_height
 from fleetlog.physics.motion.path import Path, Track, mean_curvature
 from fleetlog.physics.motion.rows import Rows

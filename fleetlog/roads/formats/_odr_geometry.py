@@ -9,8 +9,8 @@ from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats.base import Floats
 from fleetlog.roads.segments import distance_to_segment
 
 Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]

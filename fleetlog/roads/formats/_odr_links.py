@@ -14,7 +14,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from fleetlog.core.network import Floats
+from fleetlog.core.arrays import Floats
 from fleetlog.roads.formats._documents import Element
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, End, LaneEnd, Road, contact
 from fleetlog.roads.formats.base import Tally, at, number

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, LoadReport
 from fleetlog.core.schema import shown
 from fleetlog.core.site import Place, PlaceKind
 from fleetlog.errors import SiteError
 
-Floats = NDArray[np.float64]
 Inverse = Callable[[Floats, Floats], tuple[Floats, Floats]]
 """x, y [m] of a map to latitude, longitude [degrees]."""
 MPH, KNOT, KMH = 0.44704, 1852.0 / 3600.0, 1.0 / 3.6

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Edge, Floats, reversed_edge
+from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
 from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, number
@@ -162,7 +163,7 @@ def _join_lines(lines: list[Edge], split: bool, notes: list[str]) -> list[Edge]:
     return out
 
 
-def _places(points: Floats, owner: NDArray[np.intp], first: NDArray[np.int64]) -> NDArray[np.int64]:
+def _places(points: Floats, owner: NDArray[np.intp], first: Ints) -> Ints:
     """(P,) place of each vertex: groups within the tolerance, of several roads or of road ends."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge
 from fleetlog.core.site import PlaceKind
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
 from fleetlog.roads.formats._odr_geometry import sample
-from fleetlog.roads.formats.base import Floats, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
+from fleetlog.roads.formats.base import MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
 
 Item = dict[str, Any]
 

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.core.site import PlaceKind
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, number
 
 Level = dict[str, Any]
 

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.core.site import PlaceKind
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import Floats, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
+from fleetlog.roads.formats.base import MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
 
 MILLI = 1e-3
 WORDS: tuple[tuple[str, PlaceKind], ...] = (

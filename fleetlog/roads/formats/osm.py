@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.roads.formats import _lanelets
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import SPEED_UNITS, Floats, MapOptions, Reader, RoadMap, Tally, spot
+from fleetlog.roads.formats.base import SPEED_UNITS, MapOptions, Reader, RoadMap, Tally, spot
 
 Tags = dict[str, str]
 

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 from fleetlog.compiling import kernel
+from fleetlog.core.arrays import Floats, Index
 from fleetlog.roads.kernels.compiling import inner
-from fleetlog.roads.kernels.records import Floats, Index, Roads, Store
+from fleetlog.roads.kernels.records import Roads, Store
 
 
 @inner

@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.roads.kernels.compiling import outer
-from fleetlog.roads.kernels.records import Flags, Floats, Track, Wide
+from fleetlog.roads.kernels.records import Track, Wide
 
 
 @outer
-def group_points(track: Track, span: float, standing_speed: float, first: Wide, still: Flags) -> Any:
+def group_points(track: Track, span: float, standing_speed: float, first: Wide, still: Mask) -> Any:
     """First row of every group into ``first`` (G + 1,), whether it stands into ``still``; their number G.
 
     A group is at most ``span`` seconds of motion, or one whole standstill that the log's speed shows.
@@ -56,7 +57,7 @@ def group_means(first: Wide, track: Track, travelled: Floats, out: Floats) -> No
 @outer
 def find_stops(
     first: Wide, track: Track, gx: Floats, gy: Floats, radius: float, min_duration: float, merged: Wide,
-    still: Flags,
+    still: Mask,
 ) -> Any:  # fmt: skip
     """First rows of groups, those merged that stay within ``radius`` of their mean; which stand; how many."""
     t, chain = track.t, track.chain

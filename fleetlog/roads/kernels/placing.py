@@ -3,8 +3,9 @@
 import math
 from typing import Any
 
+from fleetlog.core.arrays import Floats
 from fleetlog.roads.kernels.compiling import inner, outer
-from fleetlog.roads.kernels.records import Floats, Groups, Noise, Placed, Roads, Routes, Track, Wide
+from fleetlog.roads.kernels.records import Groups, Noise, Placed, Roads, Routes, Track, Wide
 
 
 @inner

@@ -2,13 +2,9 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 
-Floats = NDArray[np.float64]
-Wide = NDArray[np.int64]
-Index = NDArray[np.int32]
-Flags = NDArray[np.bool_]
+Wide = Ints
 
 
 class Roads(NamedTuple):
@@ -94,7 +90,7 @@ class Groups(NamedTuple):
     y: Floats
     moved: Floats  # travelled distance to the next [m]
     axis: Floats  # (2, G) unit vector of twice the log's heading, weighted by its strength; 0 without
-    still: Flags
+    still: Mask
     chain: Wide
 
 
@@ -104,7 +100,7 @@ class Choice(NamedTuple):
     chosen: Wide  # (G,) candidate, -1 off the roads
     posterior: Floats  # (C,) of the candidates
     off: Floats  # (G,) posterior of being off the roads
-    linked: Flags  # (G,) whether the step into a group is connected to the group before
+    linked: Mask  # (G,) whether the step into a group is connected to the group before
 
 
 class Routes(NamedTuple):

@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats, Index
 from fleetlog.roads.kernels.compiling import inner, outer
 from fleetlog.roads.kernels.distances import path_between
-from fleetlog.roads.kernels.records import Candidates, Choice, Floats, Index, Roads, Routes, Store
+from fleetlog.roads.kernels.records import Candidates, Choice, Roads, Routes, Store
 
 LONGEST = 4096  # edges of a path between two groups at most
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
-from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 
 PASSED, SAFE, PARKED = range(3)  # Ground that trucks drive over, wait on, stand on in a bay
 
@@ -118,7 +118,7 @@ def cells_near(c: Cells, x: float, y: float) -> Any:
 
 @kernel()
 def meetings(
-    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: Flags, half_l: float,
+    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: Mask, half_l: float,
     half_w: float, skip: Index,
 ) -> Any:  # fmt: skip
     """Pairs (a, b), a < b, of samples of different owners whose boxes meet; at least one of them in ``ask``.
@@ -182,7 +182,7 @@ def brake_ahead(cap: Floats, first: Ints, spacing: Floats, down: float) -> Float
 
 @kernel(nogil=True)
 def expand(
-    piece: Index, s: Floats, back: Flags, first: Ints, spacing: Floats, samples: Floats, edge: Index
+    piece: Index, s: Floats, back: Mask, first: Ints, spacing: Floats, samples: Floats, edge: Index
 ) -> tuple[Floats, Index]:
     """(8, N) columns of ``samples`` (S, 8), see ``Track.samples``, and (N,) edge at places of pieces.
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fleetlog.compiling import kernel
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.roads.kernels.compiling import inner
-from fleetlog.simulate.arrays import Flags, Floats, Ints
 from fleetlog.simulate.kernels.lanes import safe
 
 STEP = 0.1  # [s]
@@ -65,7 +65,7 @@ class State(NamedTuple):
     waits: Floats
     begin: Floats
     took: Floats
-    hindered: Flags
+    hindered: Mask
     goes_first: Ints
     past: Ints
 

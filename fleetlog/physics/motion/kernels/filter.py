@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
-from fleetlog.core.network import Floats, Index
-from fleetlog.core.trajectory import Ints
-from fleetlog.physics.motion.rows import Codes, Flags
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.physics.motion.rows import Codes
 
 Singles = NDArray[np.float32]
 State = tuple[float, float, float]  # Of way, speed and acceleration
@@ -63,7 +62,7 @@ def corrected(x: State, p: Covariance, row: State, r: float, c: float) -> tuple[
 
 @kernel()
 def filter_forward(
-    t: Floats, seen: Floats, seen_var: float, speed: Floats, speed_var: float, rest: Flags, link: Codes,
+    t: Floats, seen: Floats, seen_var: float, speed: Floats, speed_var: float, rest: Mask, link: Codes,
     jerk: Floats, decay: float, mean: Floats, cov: Floats,
 ) -> float:  # fmt: skip
     """Kalman filter: the log likelihood of the innovations.
@@ -180,7 +179,7 @@ def smooth_backward(
 
 @kernel()
 def jerk_scales(
-    t: Floats, link: Codes, rest: Flags, q: float, decay: float, mean: Floats, cov: Floats, gain: Singles,
+    t: Floats, link: Codes, rest: Mask, q: float, decay: float, mean: Floats, cov: Floats, gain: Singles,
     jerk: Floats,
 ) -> float:  # fmt: skip
     """One step of expectation and maximisation for a jerk of varying strength.

@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from fleetlog.compiling import kernel
-from fleetlog.core.network import Floats, Index
+from fleetlog.core.arrays import Floats, Index, Mask
 from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON
-from fleetlog.physics.motion.rows import Codes, Flags
+from fleetlog.physics.motion.rows import Codes
 
 MOST_EXTRA = 8.0  # By which a way may exceed twice the distance of the positions [m]: noise, and corners
 NEAR_REACH = 3  # Edges between two rows at most; farther apart the coordinate starts anew
@@ -39,7 +39,7 @@ def way_between(a: int, b: int, next_first: Index, next_edges: Index, length: Fl
 def path_coordinate(
     edge: Index, offset: Floats, x: Floats, y: Floats, step: Floats, next_first: Index, next_edges: Index,
     length: Floats, reverse: Index, back: float, link: Codes, place: Floats,
-) -> tuple[Index, Floats, Floats, Flags]:  # fmt: skip
+) -> tuple[Index, Floats, Floats, Mask]:  # fmt: skip
     """Map coordinate of every row into ``place``, and the visits of edges.
 
     Of each visit the edge, the coordinate of its start, its length, and whether it joins the last.  Off the
@@ -90,7 +90,7 @@ def path_coordinate(
 
 
 @kernel()
-def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_duration: float) -> Flags:
+def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_duration: float) -> Mask:
     """Rows of a standstill: runs within ``radius`` of their running mean for ``min_duration``."""
     n = len(t)
     out = np.zeros(n, np.bool_)

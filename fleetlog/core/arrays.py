@@ -1,0 +1,9 @@
+"""Names of the arrays that signatures speak of; their docstrings say what is in them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Index = NDArray[np.int32]  # Codes and indices, which need less room
+Mask = NDArray[np.bool_]
