@@ -46,7 +46,8 @@ def heatmap(
     boxes = [maps.extent(dataset)] + ([maps.extent(compare)] if compare else [])
     groups = maps.compute_by(dataset, maps.cells_of(boxes, cell), by, hours, vehicle, load)
     if not groups:
-        raise DataError("no row is left by this choice of hours, vehicles and load", do="choose a wider one")
+        what = "no row with a position is left by this choice of hours, vehicles and load"
+        raise DataError(what, do="choose a wider one, or import logs with positions")
     here = functools.reduce(HeatMap.__add__, groups.values())
     summary = _summary(dataset, here, quantity, smooth)
     shapes: list[Shape] = [_drawn(n if by else "heat", m, quantity, smooth) for n, m in groups.items()]

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from fleetlog import engines
 from fleetlog.core.site import MapFrame, Site
+from fleetlog.core.words import listed
 from fleetlog.errors import InputError
 from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.ingest.clean import sort_rows
@@ -40,6 +41,7 @@ READ_SHARE = 0.5
 ROW_COST, ROW_BYTES = 3e-6, 60.0
 """Of a row, about: to read it, or to match and write it [s]; its length in a log."""
 ALIGN_VEHICLES = 20  # Vehicles whose tracks are fitted to the roads
+UNPLACED = "roads, places, heat maps, density and travel times say nothing of them"
 
 
 def import_logs(
@@ -105,12 +107,12 @@ def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:
     errors, rows = [e for r in reads for e in r.errors], any(r.slips for r in reads)
     if errors and (len(logs) == 1 or not rows):
         raise errors[0]
-    if any(r.positioned for r in reads):
+    if any(r.positioned or r.driven for r in reads):
         return
     where = logs[0].path if len(logs) == 1 else f"{logs[0].path} and {len(logs) - 1} more"
     if rows:
-        do = "map latitude and longitude, or x and y, in a profile (--profile FILE.toml)"
-        raise InputError("no position in the log", where=where, do=do)
+        do = "map latitude and longitude, x and y, or speed in a profile (--profile FILE.toml)"
+        raise InputError("no position and no speed in the log", where=where, do=do)
     counts = sum((r.rejects.rows for r in reads), Counter[str]())
     why = f" (refused {_reasons(dict(counts.most_common(3)))})" if counts else ""
     raise InputError(f"no usable row in the log{why}", where=where, do="see docs/logs.md")
@@ -151,10 +153,14 @@ def _write(
         for name, text in read.own.items():
             own[name] = own.get(name, False) or text
     every = _aligned(slips, plan.site, summary) if align else plan.every
-    positioned = frozenset(vehicle for read in reads for vehicle in read.positioned)
-    plan = probe(replace(plan, own=own, positioned=positioned, every=every), slips)
+    positioned, driven = (
+        frozenset(v for r in reads for v in getattr(r, n)) for n in ("positioned", "driven")
+    )
+    plan = probe(replace(plan, own=own, positioned=positioned, driven=driven, every=every), slips)
     writer.site = plan.site
     summary.notes += plan.notes
+    if unplaced := sorted(driven - positioned):
+        summary.notes += (f"no positions of {listed(unplaced)}: {UNPLACED}",)
     outcomes = list(_vehicles(plan, slips, progress))
     for outcome in outcomes:
         writer.pieces += outcome.pieces

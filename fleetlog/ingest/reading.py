@@ -48,6 +48,7 @@ class Read:
     own: dict[str, bool] = field(default_factory=dict)  # The logs' own columns, and whether each is text
     files: list[FileSummary] = field(default_factory=list)
     positioned: set[str] = field(default_factory=set)  # Vehicles that have a position somewhere
+    driven: set[str] = field(default_factory=set)  # Vehicles that have a speed
     errors: list[FleetlogError] = field(default_factory=list)
 
 
@@ -82,8 +83,13 @@ def read_group(
                 out.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
                 if len(good):
                     spill.add(good)
-                if any(np.isfinite(good.floats(n)).any() for n in ("latitude", "x")):
-                    out.positioned.add(good.vehicle_id)
+                for name, vehicles in (
+                    ("latitude", out.positioned),
+                    ("x", out.positioned),
+                    ("speed", out.driven),
+                ):
+                    if np.isfinite(good.floats(name)).any():
+                        vehicles.add(good.vehicle_id)
             rows = spill.rows + out.rejects.rows.total() - before
             out.files.append(FileSummary.of(report, log.path.name, rows))
         except FleetlogError as error:

@@ -18,7 +18,17 @@ from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import HELD, STUCK, WINDOW_ROWS, Slip, join, windows, with_own_columns
+from fleetlog.ingest.rows import (
+    CHANNEL,
+    HELD,
+    STUCK,
+    WINDOW_ROWS,
+    Slip,
+    join,
+    windows,
+    with_own_columns,
+    without,
+)  # fmt: skip
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
@@ -36,7 +46,8 @@ class Plan:
     """What is the same for all vehicles of an import.
 
     ``folder`` is that of the dataset being written, ``scratch`` takes files of the import's own; ``names``
-    are those of the logs, ``own`` their own columns, ``positioned`` the vehicles that have positions.
+    are those of the logs, ``own`` their own columns; ``positioned``, ``driven`` the vehicles that have
+    positions, and speeds.
     """
 
     folder: Path
@@ -45,6 +56,7 @@ class Plan:
     names: list[str]
     own: dict[str, bool] = field(default_factory=dict)
     positioned: frozenset[str] = frozenset()
+    driven: frozenset[str] = frozenset()
     before: Older = NOTHING  # What the dataset holds that is added to
     every: MapFrame | None = None  # The frame of all rows
     parameters: MatchParameters | None = None
@@ -57,10 +69,10 @@ def import_vehicle(plan: Plan, job: tuple[int, str, list[Slip]]) -> Outcome:
     rejects = Rejects(plan.scratch / f"vehicle-{number}-{NAME}", plan.names)
     work = VehicleImport(plan, rejects, plan.before.next_trip.get(vehicle, 0))
     for rows, last in windows(slips):
-        if vehicle in plan.positioned:
+        if vehicle in plan.positioned | plan.driven:
             work.take(rows, last=last)
         else:
-            rejects.refuse(rows, np.ones(len(rows), bool), "no log has a position of this vehicle")
+            rejects.refuse(rows, np.ones(len(rows), bool), "no log has a position or a speed of this vehicle")
     rejects.close()
     return work.out
 
@@ -126,7 +138,10 @@ class VehicleImport:
         rows = place(sample, site)
         if check and len(rows):
             check_place(rows, site, sample)
-        joined = derive.join_channels(rows)
+        # Of a vehicle without positions there is no row that values of other messages go onto.
+        joined = (
+            derive.join_channels(rows) if rows.vehicle_id in self.plan.positioned else without(rows, CHANNEL)
+        )
         self.out.counts["joined"] += len(rows) - len(joined)
         return joined
 
@@ -147,7 +162,7 @@ class VehicleImport:
     def _write(self, rows: Trajectory) -> None:
         if not len(rows):
             return
-        if self.plan.site.network is not None:
+        if self.plan.site.network is not None and rows.vehicle_id in self.plan.positioned:
             rows = self._match(rows, self.plan.site.network)
         self.writer.write(with_own_columns(rows, self.plan.own))
         self.out.counts["stuck"] += int(np.nansum(rows.floats(STUCK)))

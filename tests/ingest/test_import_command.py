@@ -18,6 +18,7 @@ import pytest
 
 from fleetlog.store import Dataset
 
+SAMPLE = Path(__file__).parents[2] / "sample_data"
 HEADER = "vehicle_id,timestamp,latitude,longitude\n"
 
 
@@ -85,7 +86,7 @@ NOT_LOGS = {
     "empty": (b"", "empty"),
     "header only": (HEADER.encode(), "no usable row"),
     "binary": (bytes(range(256)) * 200, "no log format fits"),
-    "no position": (b"vehicle_id,timestamp,speed\nA,2026-03-02T05:00:00Z,1\n", "no position"),
+    "no position": (b"vehicle_id,timestamp,soc\nA,2026-03-02T05:00:00Z,0.5\n", "no position and no speed"),
     "no time": (b"vehicle_id,latitude,longitude\nA,49,9\n", "no time"),
     "all refused": (HEADER.encode() + b"A,soon,49,9\nA,2026-03-02T05:00:00Z,here,9\n", "no usable row"),
 }
@@ -226,3 +227,34 @@ def same_bytes(a: Path, b: Path) -> None:
     assert files == sorted(p.relative_to(b) for p in b.rglob("*.parquet")) and files
     for name in files:
         assert (a / name).read_bytes() == (b / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("with_site", [True, False])
+def test_a_log_without_positions_is_taken_and_says_what_cannot_be_asked(
+    tmp_path: Path, with_site: bool
+) -> None:
+    """Speed, power and charge by time: every row comes back, nothing is matched, energy is told."""
+    t = np.arange(600)
+    speed = np.clip(np.minimum((t % 60) * 0.5, (55 - t % 60) * 0.5), 0.0, 2.5)
+    lines = [
+        f"A,2026-03-02T05:{s // 60:02d}:{s % 60:02d}Z,{v:.2f},{400 + 900 * v:.0f},{0.9 - 1e-5 * s:.5f}"
+        for s, v in zip(t.tolist(), speed.tolist(), strict=True)
+    ]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["vehicle_id,timestamp,speed,battery_power,soc", *lines]) + "\n")
+    site = ["--site", SAMPLE / "site.toml"] if with_site else []
+    done = fleetlog("import", path, *site, "-o", tmp_path / "out", "--no-recording")
+    assert done.returncode == 0 and "no positions of A" in done.stdout
+    found = Dataset(tmp_path / "out").read("A", "2026-03-02")
+    assert len(found) == 600 and not found.has("x") and not found.has("edge_id")
+    assert np.allclose(found.floats("speed"), np.round(speed, 2))
+    done = fleetlog(
+        "analyze", "energy", tmp_path / "out", "--truck", SAMPLE / "truck.toml", "-o", tmp_path / "e"
+    )
+    assert done.returncode == 0
+    recorded = sum(400 + 900 * v for v in speed) / 3.6e6
+    assert f"{recorded:.2f} kWh measured" in done.stdout
+    heat = fleetlog("analyze", "heatmap", tmp_path / "out", "-o", tmp_path / "h")
+    assert (
+        heat.returncode == 1 and "import logs with positions" in heat.stderr and heat.stderr.count("\n") == 1
+    )

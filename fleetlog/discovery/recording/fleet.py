@@ -176,6 +176,7 @@ def seldom(t: Trajectory) -> bool:
 
 
 ABSENCES = {
+    "x": "no positions: nothing is said of places, slopes, turns, speed limits or waiting",
     "edge_id": "no road network: places are squares of the floor, and nothing is said of speed limits, "
     "turns or waiting",
     "payload": "no payload: where masts work, each trip may have had any load, so that nothing is said of "
@@ -205,7 +206,8 @@ APART = (
 
 def absences(fleet: Fleet, once: bool = False) -> list[str]:
     """What the recording lacks, and what that costs; ``once`` where each place is passed once."""
-    out = [text for column, text in ABSENCES.items() if not any(fleet.has(c) for c in column.split(" and "))]
+    lacks = [column for column in ABSENCES if not any(fleet.has(c) for c in column.split(" and "))]
+    out = [ABSENCES[column] for column in lacks if column != "edge_id" or "x" not in lacks]
     if once:
         out.append(APART if fleet.own_trips else ONCE)
     if fleet.left_out:
