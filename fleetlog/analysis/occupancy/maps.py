@@ -124,7 +124,7 @@ def extent(dataset: Dataset) -> Box:
     boxes = [] if dataset.site.network is None else [dataset.site.network.extent]
     boxes += [b for b in each_day(dataset, _box, kinds=(Cells,), cost=0.2e-6) if b is not None]
     if not boxes:
-        raise DataError("the dataset has no positions")
+        raise DataError("the dataset has no positions", do="import logs with positions")
     low, high = np.min([b[:2] for b in boxes], axis=0), np.max([b[2:] for b in boxes], axis=0)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 

@@ -29,7 +29,7 @@ STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 shows hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
 LEAST_SWING = 1.0  # Rows that scatter by less than this [W] are as good as a logger writes them
 MOST_HUNTED = 6  # Roads on which trucks may hunt for their speed in a way of their own
-LEAST_DILUTION = 1e-3  # A share of what power differs by that nobody would see
+DILUTES = 0.01  # Error of measured power, as a share of its square, that wide windows do not average out
 LEAP = 0.005  # A rise of the charge from row to row that no braking gives
 RIPPLE = ErrorSource("ripple", 2.0)
 ERRORS = (ErrorSource("sampling", 0.5), RIPPLE, ErrorSource("lag", 0.15))
@@ -307,11 +307,8 @@ def _diluted(units: list[Unit], hidden: float) -> ErrorSource | None:
     its root mean square (Fuller 1987, Measurement Error Models)."""
     power = np.concatenate([1e3 * (u.recorded / u.windows.duration)[u.whole] for u in units])
     share = hidden**2 * float((power**2).mean()) / max(float(power.var()), 1e-9) if len(power) else 0.0
-    return (
-        ErrorSource("dilution", min(share, 1.0), level=float(power.mean()))
-        if share > LEAST_DILUTION
-        else None
-    )
+    level = float(power.mean()) if len(power) else 0.0
+    return ErrorSource("dilution", min(share, 1.0), level=level) if hidden**2 > DILUTES else None
 
 
 def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:

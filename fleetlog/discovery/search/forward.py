@@ -99,16 +99,21 @@ def _counting(problem: Problem, now: Joint, ranked: list[Joint], rivals: list[Hy
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
             continue
-        if any(_is_part_of(joint, other) for other in worth) or any(_follows(joint, o) for o in ranked):
+        if any(_is_part_of(joint, other) for other in worth) or any(
+            _follows(problem, now, joint, o) for o in ranked
+        ):
             continue
         if _counts(problem, joint.chosen[-1], size_of(problem, now, joint)):
             yield joint
 
 
-def _follows(joint: Joint, other: Joint) -> bool:
-    """Whether places only repeat what a curve over a recorded state says, and say it worse."""
-    placed = bool({"x", "y"} & set(joint.chosen[-1].depends_on))
-    return placed and other.chosen[-1].curve is not None and other.score < joint.score
+def _follows(problem: Problem, now: Joint, joint: Joint, other: Joint) -> bool:
+    """Whether places mostly repeat what a curve over a recorded state says, and say it worse."""
+    h, curve = joint.chosen[-1], other.chosen[-1].curve
+    if not {"x", "y"} & set(h.depends_on) or curve is None or other.score >= joint.score:
+        return False
+    both = refit(problem, now.model, [*other.chosen, h], 1)
+    return other.score - both.score < OWN * (now.score - joint.score)
 
 
 def _is_part_of(joint: Joint, other: Joint) -> bool:
@@ -143,6 +148,7 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
     return timed if joint.score - timed.score > problem.settings.evidence else None
 
 
+OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve that says more
 MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
