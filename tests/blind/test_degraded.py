@@ -25,7 +25,7 @@ def named(found: dict[str, Any]) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lack", ["network", "load", "power", pytest.param("rows", marks=RARELY), "vehicles"])
+@pytest.mark.parametrize("lack", ["network", "load", "power", "rows", "vehicles"])
 def test_a_clean_recording_stays_clean(lack: str, shared_data: Path) -> None:
     found = diagnosed(shared_data / "blind" / "none", lack)
     assert found["verdict"] == "none"

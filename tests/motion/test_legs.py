@@ -65,8 +65,8 @@ def test_joined_legs_stop_where_they_stopped() -> None:
     assert profile.duration == pytest.approx(sum(p.duration for p in alone) + wait, rel=0.01)
 
 
-def test_free_flow_takes_as_long_as_the_drivers_do() -> None:
-    """Of drivers who differ by some per cent and now and then drive slowly behind another."""
+def test_free_flow_is_a_little_quicker_than_drivers_are() -> None:
+    """Than drivers who differ by some per cent and now and then drive slowly behind another."""
     ratios = []
     for seed in (1, 2, 3, 4):
         drive = shift(seed, 0.7)
@@ -75,7 +75,7 @@ def test_free_flow_takes_as_long_as_the_drivers_do() -> None:
         driven = [leg for leg in legs(found) if leg.whole]
         free = sum(free_flow(leg, physics, speed_limits(site, leg.path)).duration for leg in driven)
         ratios.append(free / sum(leg.duration for leg in driven))
-    assert np.mean(ratios) == pytest.approx(1.0, abs=0.015), ratios
+    assert 0.97 < np.mean(ratios) < 1.005, ratios
 
 
 def test_power_and_slope_hold_the_profile_down() -> None:
@@ -99,7 +99,7 @@ def test_the_same_dataset_has_the_same_energy_everywhere(
     with DatasetWriter.create(tmp_path / "again", "simulated", dataset.site) as writer:
         summary = replay(dataset, truck, writer)
     assert summary.distance_ratio == pytest.approx(1.0, abs=0.002)
-    assert summary.duration_ratio == pytest.approx(1.0, abs=0.01)
+    assert 0.97 < summary.duration_ratio < 1.005  # A mission driven again meets nobody
     assert summary.energy_ratio == pytest.approx(1.0, abs=0.03)
     again = energy(Dataset(tmp_path / "again"), truck).summary
     assert again["energy_kwh"] == pytest.approx(again["measured_kwh"], rel=0.01)

@@ -130,3 +130,14 @@ def test_power_is_measured_or_voltage_times_current() -> None:
     found = reconstruct(log)
     power = found.motion.power[np.searchsorted(found.row, np.arange(3))]
     assert power[0] == 10.0 and power[1] == 96.0 and np.isnan(power[2])
+
+
+@pytest.mark.parametrize("pieces", [4, 20])
+def test_how_finely_roads_are_drawn_changes_no_corner(pieces: int) -> None:
+    plain, network = square_course(5.0)
+    fine = build_network([
+        Edge(e.id, e.start, e.end, np.linspace(e.points[0], e.points[-1], pieces + 1), e.road) for e in network.edges()
+    ])  # fmt: skip
+    one, other = reconstruct(plain, network).motion, reconstruct(plain, fine).motion
+    assert np.allclose(one.curvature, other.curvature, atol=1e-6)
+    assert np.allclose(one.speed, other.speed, atol=1e-6)

@@ -16,6 +16,7 @@ from fleetlog.physics.motion.rows import Codes, Rows
 
 RADIUS = 2.5  # Of a corner [m], where no truck says otherwise
 BOW = 0.1  # A gentle kink is rounded as widely as the curve stays this close to the corner [m]
+SLIGHT = 0.3  # A smaller angle is a kink of a curve, which limits no corner beside it [rad]
 SHARPEST = 3.0  # A sharper angle is a turn on the spot, not a bend [rad]
 MOST_ALONG = 10.0  # A position farther along the edge from its place there does not correct it [m]
 BACK = 5.0  # A match may go back so far on its edge without leaving it [m]
@@ -168,6 +169,15 @@ def _vertices(network: Network, v: Visits) -> tuple[Floats, Floats, Floats, Mask
     angle = np.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])  # Left positive
     leg = np.minimum(d[at] - d[before], d[after] - d[on_from])
     where = np.append(v.origin[visit] + d[k], v.origin[joins])
+    # A corner is rounded as far as the next one allows, however finely the straights between are drawn.
+    length, own = network.length, v.edge[visit]
+    room = np.append(
+        np.minimum(d[k], length[own] - d[k]), np.minimum(length[v.edge[joins - 1]], length[v.edge[joins]])
+    )
+    order = np.argsort(where, kind="stable")
+    sharp = order[np.abs(angle[order]) > SLIGHT]
+    gap = np.diff(where[sharp], prepend=-np.inf, append=np.inf)
+    leg[sharp] = np.minimum(room[sharp], np.minimum(gap[:-1], gap[1:]))
     return where, angle, leg, np.arange(len(where)) >= len(k)
 
 
