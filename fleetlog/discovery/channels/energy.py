@@ -29,7 +29,6 @@ STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 shows hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
 LEAST_SWING = 1.0  # Rows that scatter by less than this [W] are as good as a logger writes them
 MOST_HUNTED = 6  # Roads on which trucks may hunt for their speed in a way of their own
-DILUTES = 0.01  # Error of measured power, as a share of its square, that wide windows do not average out
 LEAP = 0.005  # A rise of the charge from row to row that no braking gives
 RIPPLE = ErrorSource("ripple", 2.0)
 ERRORS = (ErrorSource("sampling", 0.5), RIPPLE, ErrorSource("lag", 0.15))
@@ -49,7 +48,6 @@ class EnergyChannel(Channel):
     measured: bool = False
     charge_step: float = 0.0  # Step in which the state of charge is logged
     hunted: tuple[int, ...] = ()  # Roads on which power swings within rows in a way of their own
-    dilution: ErrorSource | None = None  # Of measured power that errs
 
     @property
     def metric(self) -> str:
@@ -99,8 +97,6 @@ class EnergyChannel(Channel):
             if count >= settings.sample:
                 break
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
-        if self.measured:
-            self.dilution = _diluted(list(self.units()), hidden)
         # Power that is measured at moments errs more by chance than a motion between rows.
         alike = (0.5 if self.measured else 1.0) * settings.alike
         self.model_error = max(settings.model_error, alike * hidden)
@@ -222,9 +218,9 @@ class EnergyChannel(Channel):
         return [t for t in able if t.acts in acting and t.parameters]
 
     def errors(self) -> list[ErrorSource]:
-        """Return what sampling hides; of power that is measured itself only that it errs."""
+        """Return what sampling hides; nothing where power is measured itself."""
         if self.measured:
-            return [self.dilution] if self.dilution else []
+            return []
         return [*ERRORS, *(replace(RIPPLE, road=r) for r in self.hunted)]
 
     def notes(self) -> list[str]:
@@ -300,15 +296,6 @@ class EnergyChannel(Channel):
             np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.time / self.fleet.span * 3.0,
             w.vehicle * 3.0,
         ])  # fmt: skip
-
-
-def _diluted(units: list[Unit], hidden: float) -> ErrorSource | None:
-    """How far windows lie nearer to the mean power than what was measured: it errs by ``hidden``, a share of
-    its root mean square (Fuller 1987, Measurement Error Models)."""
-    power = np.concatenate([1e3 * (u.recorded / u.windows.duration)[u.whole] for u in units])
-    share = hidden**2 * float((power**2).mean()) / max(float(power.var()), 1e-9) if len(power) else 0.0
-    level = float(power.mean()) if len(power) else 0.0
-    return ErrorSource("dilution", min(share, 1.0), level=level) if hidden**2 > DILUTES else None
 
 
 def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:

@@ -103,8 +103,6 @@ class About:
         return {k: np.asarray(np.bincount(row, p * m.dt, rows) * 1e-3, float) for k, p in power.items()}
 
     def _error(self, source: ErrorSource) -> Floats:
-        if source.name == "dilution":
-            return self.cut.energy(self.block, source.level - self.e.power)[:, None]
         change = {"lag": self._lagging, "ripple": self._rectified, "sampling": self._unseen}[source.name]()
         if source.road is not None:
             cells = self.channel.cells(None)

@@ -37,12 +37,11 @@ class FieldSource:
 @dataclass(frozen=True)
 class ErrorSource:
     """What sampling hides from any model, everywhere or on one ``road`` (an edge, counted in its direction);
-    ``spread`` is the standard deviation of its coefficient, ``level`` [W] what it is measured from."""
+    ``spread`` is the standard deviation of its coefficient."""
 
     name: str
     spread: float
     road: int | None = None
-    level: float = 0.0
 
 
 Source = KnobSource | FieldSource | FreeCurve | ErrorSource  # A free curve has one column a knot
