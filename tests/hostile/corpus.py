@@ -472,8 +472,7 @@ def _parquet() -> Iterator[Case]:
     )
     yield case("time of day", 1, "", 0, timestamp=pa.array(list(n), pa.time32("s")))
     yield case("no time", 1, "a time", 0, timestamp=None)
-    yield case("no position", 0, "", ROWS, x=None)
-    yield case("no position, no speed", 1, "a position", 0, x=None, speed=None)
+    yield case("no position", 1, "a position", 0, x=None)
     yield case(
         "x of infinity", 3, "x is not a number", ROWS - 1, x=np.where(np.arange(ROWS) == 5, np.inf, 1.0)
     )
