@@ -91,11 +91,8 @@ class _Reader:
 
     def _check(self, path: Path) -> None:
         place = self.fields.columns.keys()
-        moves = "speed" in place or any({*pair} <= place for pair in (GEOGRAPHIC, LOCAL))
-        wanted = (
-            ("a position (latitude, longitude or x, y) or a speed", moves),
-            ("a time", self.fields.time),
-        )
+        has_place = any({*pair} <= place for pair in (GEOGRAPHIC, LOCAL))
+        wanted = (("a position (latitude, longitude or x, y)", has_place), ("a time", self.fields.time))
         missing = [what for what, there in wanted if not there]
         if missing:
             what = f"no column is {' or '.join(missing)} (columns: {', '.join(self.names[:20])})"
