@@ -1,6 +1,7 @@
 """Interrupts that are never lost: Ctrl-C, SIGTERM and SIGHUP end a run, never in the middle of a swap."""
 
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -21,9 +22,33 @@ def install() -> None:
 
 
 def ignore() -> None:
-    """Let no signal change the status of a run that is over, or of a worker, whose parent decides."""
+    """Let no signal change the status of a run that is over."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def later() -> Iterator[None]:
+    """A block that signals wait for: one that comes while Python forks is lost or breaks its set-up."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        _hear()
+
+
+def obey() -> None:
+    """Let a worker end, cleaning up, when its parent says so (SIGTERM); a terminal sends signals to all."""
+    for number in SIGNALS:  # None in two steps: to ignore one, be it for a moment, drops one that waits
+        leave = number == signal.SIGTERM
+        signal.signal(number, (lambda *_: sys.exit()) if leave else signal.SIG_IGN)
+    _hear()
+
+
+def _hear() -> None:
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 
 def _remember(_signal: int, _frame: FrameType | None) -> None:

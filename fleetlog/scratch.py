@@ -5,6 +5,7 @@ folder that nobody holds is that of a dead one, and whoever makes a folder remov
 """
 
 import os
+import secrets
 import shutil
 import stat
 import tempfile
@@ -20,9 +21,11 @@ def folder() -> Path:
     """A new empty folder within that of this process."""
     if not _made or _made[-1][1] != os.getpid() or not _made[-1][0].is_dir():
         sweep()
-        own = Path(tempfile.mkdtemp(prefix=PREFIX))
+        own = Path(tempfile.gettempdir()) / f"{PREFIX}{secrets.token_hex(8)}"
+        # Known before it is there: a worker may be told to end at any moment, and has no atexit.
         _made.append((own, os.getpid()))
-        Finalize(None, clear, exitpriority=0)  # Also where this is a worker, who has no atexit
+        Finalize(None, clear, exitpriority=0)
+        own.mkdir(mode=0o700)
         if _hold(own) is not None:
             (own / MARK).touch()
     return Path(tempfile.mkdtemp(dir=_made[-1][0]))

@@ -100,6 +100,15 @@ class Network:
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     @cached_property
+    def turn(self) -> Floats:
+        """(P,) angle by which the line turns at every vertex [rad], left positive; 0 at the ends of edges."""
+        a, b = (np.diff(self.points[:, :2], axis=0)[k : len(self.points) - 2 + k].T for k in (0, 1))
+        out = np.zeros(len(self.points))
+        out[1:-1] = np.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
+        out[self.first[:-1]] = out[self.first[1:] - 1] = 0.0
+        return out
+
+    @cached_property
     def _ladder(self) -> tuple[Floats, Floats]:
         """Vertex distances and edge starts on one growing axis, so one search serves all edges."""
         starts = np.arange(len(self), dtype=np.float64) * (float(self.length.max(initial=0.0)) + 1.0)

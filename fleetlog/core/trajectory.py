@@ -39,7 +39,7 @@ class Labels:
         return [self.names[c] if c >= 0 else None for c in self.codes]
 
     def recode(self, order: Mapping[str, int]) -> Index:
-        """Index in another numbering, as a network's edge indices; -1 for null and for unknown names."""
+        """Codes in another numbering, as a network's edge indices; -1 for null and for unknown names."""
         table = np.array([order.get(n, -1) for n in self.names] + [-1], dtype=np.int32)
         return table[self.codes]
 

@@ -80,7 +80,8 @@ def _run(work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int) -
 def _start(work: Callable[[J], R], name: Name[J]) -> tuple[Connection, BaseProcess]:
     ours, theirs = _context.Pipe()
     process = _context.Process(target=_serve, args=(work, name, theirs, os.getpid()), daemon=True)
-    with warnings.catch_warnings():  # of threads that a fork does not copy: a worker needs none of them
+    with interrupt.later(), warnings.catch_warnings():
+        # Of threads that a fork does not copy: a worker needs none of them.
         warnings.simplefilter("ignore", DeprecationWarning)
         process.start()
     theirs.close()
@@ -100,8 +101,7 @@ def _end(crew: dict[Connection, BaseProcess]) -> None:
 
 def _serve(work: Callable[[Any], Any], name: Callable[[Any], str], pipe: Connection, parent: int) -> None:
     """Do jobs until the parent ends."""
-    interrupt.ignore()  # a terminal sends signals to all; the parent decides
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    interrupt.obey()
     if sys.platform == "linux":  # siblings hold the other end of the pipe, so it would not close
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:

@@ -88,7 +88,7 @@ def read_group(
                     ("x", out.positioned),
                     ("speed", out.driven),
                 ):
-                    if np.isfinite(good.floats(name)).any():
+                    if good.vehicle_id not in vehicles and np.isfinite(good.floats(name)).any():
                         vehicles.add(good.vehicle_id)
             rows = spill.rows + out.rejects.rows.total() - before
             out.files.append(FileSummary.of(report, log.path.name, rows))

@@ -87,15 +87,11 @@ class EnergyChannel(Channel):
         The mean of half the rows scatters about that of all by as much as that does about the truth.
         """
         changed = size = 0.0
-        count = 0
-        for (vehicle, trajectory), unit in zip(self.fleet.days, self.units(), strict=True):
-            use = unit.whole & (split.fold(unit.windows) != HELD_OUT)
+        looked = zip(self.fleet.days, self._looked_at(split, settings), strict=False)
+        for (vehicle, trajectory), (unit, use) in looked:
             change = self._thinned(unit, self.fleet.block(vehicle, trajectory[::2]))
             changed += float((change[use] ** 2).sum())
             size += float((unit.recorded[use] ** 2).sum())
-            count += int(use.sum())
-            if count >= settings.sample:
-                break
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
         # Power that is measured at moments errs more by chance than a motion between rows.
         alike = (0.5 if self.measured else 1.0) * settings.alike
@@ -104,21 +100,28 @@ class EnergyChannel(Channel):
         self.hunted = self._hunted(split, settings)
         return hidden
 
+    def _looked_at(self, split: Split, settings: Settings) -> Iterator[tuple[Unit, Mask]]:
+        """Yield units until there are windows enough, with those that may be used, (W,)."""
+        count = 0
+        for unit in self.units():
+            use = unit.whole & (split.fold(unit.windows) != HELD_OUT)
+            yield unit, use
+            count += int(use.sum())
+            if count >= settings.sample:
+                return
+
     def _hunted(self, split: Split, settings: Settings) -> tuple[int, ...]:
         """The roads whose energy hangs on how far power swings within rows: there trucks hunt for their
         speed, and how much that costs differs from road to road."""
         if self.measured or not isinstance(self.places, Stretches):
             return ()
-        swings, energy, count = *np.zeros((2, len(self.places.network))), 0
-        for unit in self.units():
-            use = unit.whole & (split.fold(unit.windows) != HELD_OUT) & (unit.windows.edge >= 0)
+        swings, energy = np.zeros((2, len(self.places.network)))
+        for unit, whole in self._looked_at(split, settings):
+            use = whole & (unit.windows.edge >= 0)
             road = self.places.road(unit.windows.edge[use])
             ripple = self.columns(unit, self.base, [RIPPLE])[1][use, 0]
             swings += np.bincount(road, ripple**2, len(swings))
             energy += np.bincount(road, unit.recorded[use] ** 2, len(swings))
-            count += int(use.sum())
-            if count >= settings.sample:
-                break
         worst = np.argsort(-swings)[:MOST_HUNTED]
         material = RIPPLE.spread**2 * swings > self.place_error**2 * energy
         return tuple(int(r) for r in worst if material[r])

@@ -197,12 +197,7 @@ def lay_out(
 
 def kinks(network: Network, edge: NDArray[Any], offset: Floats) -> Floats:
     """(N,) curvature at places on edges [1/m] near a slight turn of the map's line, taken within ``KINK``."""
-    east, north = np.diff(network.points[:, :2], axis=0).T
-    course = np.arctan2(north, east)
-    turn = np.zeros(len(network.points))
-    turn[1:-1] = np.abs(np.angle(np.exp(1j * np.diff(course))))
-    turn[network.first[:-1]] = turn[network.first[1:] - 1] = 0.0
-    turn[turn > SLIGHT] = 0.0
+    turn = np.where(np.abs(network.turn) > SLIGHT, 0.0, np.abs(network.turn))
     before = network.segment(edge, offset)[0]
     near = [np.abs(offset - network.distance[v]) <= 0.5 * KINK for v in (before, before + 1)]
     return np.asarray(np.maximum(turn[before] * near[0], turn[before + 1] * near[1]) / KINK)

@@ -44,7 +44,8 @@ def judge(
     def error(residual: Floats) -> float:
         return float(np.sqrt(np.mean(residual**2))) / size
 
-    new, cluster, miss = left(after.model), _clusters(problem, units), _own_error(problem, units, after)
+    new, cluster = left(after.model), _clusters(problem, units)
+    miss = channel.model_error * np.abs(energy - new)
     concealed = _pooled(units, lambda u: hidden(problem, u, after))
     pairs = {h: (left(model), new) for h, model in without.items()}
     pairs |= {h: (new, kept_back(joint)) for h, joint in beside.items()}
@@ -67,15 +68,15 @@ def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
         return None
 
     def said(fit: Joint) -> Floats:
-        return _pooled(units, lambda u: predicted(problem, u, fit) + hidden(problem, u, fit))
+        return _pooled(units, lambda u: predicted(problem, u, fit))
 
-    residual = _pooled(units, lambda u: u.recorded) - said(base)
-    own = _own_error(problem, units, base)
-    return p_value(residual, said(joint) - said(base), _clusters(problem, units), own)
+    def concealed(fit: Joint) -> Floats:
+        return _pooled(units, lambda u: hidden(problem, u, fit))
 
-
-def _own_error(problem: Problem, units: Sequence[Unit], joint: Joint) -> Floats:
-    return problem.channel.model_error * _pooled(units, lambda u: np.abs(predicted(problem, u, joint)))
+    modelled = said(base)
+    before, own = modelled + concealed(base), problem.channel.model_error * np.abs(modelled)
+    residual = _pooled(units, lambda u: u.recorded) - before
+    return p_value(residual, said(joint) + concealed(joint) - before, _clusters(problem, units), own)
 
 
 def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats = 0.0) -> float:

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Mask
 
-ROUNDS = 12  # Rounds of holding coefficients on their bounds; the set settles in two or three
+ROUNDING = 1e-9  # Of a step: what solving is not told from
+PATIENCE = 3  # Changes of all at once that may fail to help; the result is the same for any number
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,16 @@ def stiff(gram: Floats, prior: Prior) -> Floats:
 
 
 def solve(gram: Floats, moment: Floats, prior: Prior) -> Floats:
-    """Return the (k,) most probable steps (a convex problem, by an active set)."""
+    """Return the (k,) most probable steps, a strictly convex problem.
+
+    By block principal pivoting (Judice and Pires 1994): all coefficients that break a condition change sides
+    together; where that does not lessen their number, only the last one does, and then no set comes twice.
+    """
     h = stiff(gram, prior)
     b = moment + prior.precision * prior.centre
     held = np.zeros(len(b), dtype=np.int8)
-    beta = np.zeros(len(b))
-    for _ in range(ROUNDS):
+    fewest, patience = len(b) + 1, PATIENCE
+    while True:
         free = held == 0
         beta = np.where(held < 0, prior.low, np.where(held > 0, prior.high, 0.0))
         if free.any():
@@ -69,13 +74,13 @@ def solve(gram: Floats, moment: Floats, prior: Prior) -> Floats:
             beta[free] = np.linalg.solve(h[np.ix_(free, free)], right)
         slope = h @ beta - b
         new = np.where(free & (beta < prior.low), -1, np.where(free & (beta > prior.high), 1, held))
-        new = np.where((held < 0) & (slope < 0), 0, np.where((held > 0) & (slope > 0), 0, new)).astype(
-            np.int8
-        )
-        if (new == held).all():
-            break
-        held = new
-    return np.clip(beta, prior.low, prior.high)
+        new = np.where(held * slope > ROUNDING * np.diag(h), 0, new).astype(np.int8)
+        broken = np.flatnonzero(new != held)
+        if not len(broken):
+            return np.clip(beta, prior.low, prior.high)
+        fewest, patience = (len(broken), PATIENCE) if len(broken) < fewest else (fewest, patience - 1)
+        moved = broken if patience >= 0 else broken[-1:]
+        held[moved] = new[moved]
 
 
 @dataclass(frozen=True)

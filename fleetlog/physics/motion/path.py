@@ -162,12 +162,13 @@ def _vertices(network: Network, v: Visits) -> tuple[Floats, Floats, Floats, Mask
     k = first[v.edge[visit]] + 1 + np.arange(len(visit)) - np.repeat(np.cumsum(inner) - inner, inner)
     joins = on[v.joined[on]]
     last, begin = first[v.edge[joins - 1] + 1] - 1, first[v.edge[joins]]
-    # The vertices before, at and after the corner.
-    before, at = np.append(k - 1, last - 1), np.append(k, last)
-    on_from, after = np.append(k, begin), np.append(k + 1, begin + 1)
-    a, b = (p[at] - p[before])[:, :2].T, (p[after] - p[on_from])[:, :2].T
-    angle = np.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])  # Left positive
-    leg = np.minimum(d[at] - d[before], d[after] - d[on_from])
+    a, b = (p[last] - p[last - 1])[:, :2].T, (p[begin + 1] - p[begin])[:, :2].T
+    between = np.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
+    angle = np.append(network.turn[k], between)
+    leg = np.append(
+        np.minimum(d[k] - d[k - 1], d[k + 1] - d[k]),
+        np.minimum(d[last] - d[last - 1], d[begin + 1] - d[begin]),
+    )
     where = np.append(v.origin[visit] + d[k], v.origin[joins])
     # A corner is rounded as far as the next one allows, however finely the straights between are drawn.
     length, own = network.length, v.edge[visit]
