@@ -112,11 +112,12 @@ def _within_tolerance(base: Model, numbers: dict[Knob, Parameter], h: Hypothesis
 
 
 def _above_floor(problem: Problem, rest: float, floor: float | None) -> bool:
-    """Whether an error beside what sampling hides has more than noise, and something material."""
+    """Whether an error beside what sampling hides has more than noise, something material, and more than the
+    model's own error where it gathers."""
     if floor is None:
         return False
     left = np.sqrt(max(rest**2 - floor**2, 0.0))
-    least = max(problem.settings.material, problem.channel.model_error)
+    least = max(problem.settings.material, problem.channel.model_error, problem.channel.place_error)
     return bool(left > least and rest > problem.settings.at_floor * floor)
 
 

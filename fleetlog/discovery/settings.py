@@ -35,8 +35,8 @@ class Settings:
     # Share of the error of sampling that is alike in windows of one kind, so that it passes for physics.
     alike: float = 0.2
     # The model's error of a window's travel time, as drivers keep no constant accelerations and cut corners:
-    # unseen trips of clean recordings of three generators confirm false numbers and curves of 3.2 % at most.
-    profile_error: float = 0.035
+    # unseen trips of clean recordings of three generators confirm false numbers and curves of 2.3 % at most.
+    profile_error: float = 0.0275
     # An error is at the noise floor up to this multiple of it; the floor itself is known to some 20 %.
     at_floor: float = 1.5
     # Of standard errors, for what the motion and the model's form shift in all trips alike.  Without it 21 of

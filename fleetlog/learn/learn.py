@@ -54,7 +54,7 @@ def learn(
     base = Site(name, dataset.site.frame, network, dataset.site.traffic, zones=zones)
     learned, places = with_places(base, dataset, min_visits)
     table = road_table(network, found)
-    lacking = proposals(network, table, _in_frame(site, base.frame)) if site is not None else []
+    lacking = proposals(network, table, _in_frame(site, base.frame)) if site is not None else None
     return learned, _result(learned, cells, table, places, lacking, found.evidence)
 
 
@@ -131,9 +131,10 @@ def road_table(network: Network, found: Roads) -> pd.DataFrame:
 
 
 def _result(
-    site: Site, cells: Cells, table: pd.DataFrame, places: pd.DataFrame, lacking: list[dict[str, Any]],
-    e: Evidence,
+    site: Site, cells: Cells, table: pd.DataFrame, places: pd.DataFrame,
+    proposed: list[dict[str, Any]] | None, e: Evidence,
 ) -> Result:  # fmt: skip
+    lacking = proposed or []
     network, kinds = site.roads(), places.kind.value_counts().to_dict()
     summary = {
         "roads": len(set(network.roads)), "oneway": int((network.reverse < 0).sum()),
@@ -149,6 +150,8 @@ def _result(
         f"{count(len(places), 'place')}{told}; {count(len(site.zones), 'slow zone')}",
         *map(sentence, lacking[:8]),
     ]
+    if proposed == []:
+        lines.append("the map that was given has every road that is driven, in its direction")
     if len(lacking) > 8:
         lines.append(f"and {len(lacking) - 8} more proposals in proposals.parquet")
     edges, passes = np.arange(len(network), dtype=np.int32), table["passes"].to_numpy(float)

@@ -60,6 +60,12 @@ class Parameter:
         """Return the coordinate in which the model is linear."""
         return 1.0 / value if self.inverse else value
 
+    @property
+    def plausible(self) -> tuple[float, float]:
+        """How far the coordinate may be from where the term changes nothing."""
+        low, high = sorted(self.scaled(v) - self.scaled(self.neutral) for v in (self.low, self.high))
+        return low, high
+
     def value_of(self, scaled: float) -> float:
         """Return the value at a coordinate of :meth:`scaled`, within the bounds."""
         if self.inverse:

@@ -68,9 +68,11 @@ def diagnose(
             holdout=holdout, seed=seed, progress=lambda step: progress(step, 0.0),
         )  # fmt: skip
         place = given or recording.site
-        if missing := unjudged(found.verdict, channels) if gate else []:
-            notice(f"the gate stays shut: {', '.join(missing)} could not be judged")
-        status = EXIT_INPUT if gate and (missing or not found.verdict.passes) else EXIT_DONE
+        shut = [f"{name} could not be judged" for name in unjudged(found.verdict, channels)]
+        shut += [] if found.verdict.passes or shut else ["recording and model differ"]
+        if gate and shut:
+            notice(f"the gate stays shut: {', '.join(shut)}")
+        status = EXIT_INPUT if gate and shut else EXIT_DONE
         return keep(Answer.of(as_result(found), place, value=found, write=write, status=status))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 from cases import Case
+from run import run
 from streets import IMPERFECT, mission
 from traffic import Streets, motion_of, record, streets_world
 
@@ -62,3 +63,17 @@ def test_turns_are_taken_with_the_lateral_acceleration_of_the_truck_file(tmp_pat
     ]
     assert len(turns) > 5
     assert np.median(turns) == pytest.approx(w.truck.lateral, rel=0.15)
+
+
+@pytest.mark.slow
+def test_a_wait_behind_which_others_queue_is_a_wait_and_their_queue_congestion(tmp_path: Path) -> None:
+    done = run(Case.parse("waiting,site=grid,seed=4003,hours=0.6,vehicles=14"), tmp_path)
+    (effect,), share = done["key"]["effects"], done["key"]["congestion"]["share"]
+    found = {f["term"]: f for f in done["found"]["findings"]}
+    assert set(found) == {"waiting", "congestion"}
+    assert {e["edge_id"].removeprefix("-") for e in found["waiting"]["where"]["edges"]} == set(
+        effect["roads"]
+    )
+    wait, lost = (found[term]["parameters"][0] for term in ("waiting", "congestion"))
+    assert wait["low"] <= effect["parameters"]["seconds"] <= wait["high"]
+    assert lost["value"] == pytest.approx(share, rel=0.25)

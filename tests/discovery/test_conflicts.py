@@ -106,6 +106,7 @@ def test_time_lost_is_what_is_over_undisturbed_passages_of_the_same_place() -> N
             np.zeros(40),
             np.zeros(40, np.float32),
             np.array([behind]),
+            np.array([behind]),
         )
         passed.append((path, np.array([not behind]), np.array([trip]), np.zeros(40)))
     found = lost_time(passed, _Lane(), lambda p: np.ones(len(p.s)))  # type: ignore[arg-type]

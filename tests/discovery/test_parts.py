@@ -15,6 +15,8 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Chassis, Truck
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.channels.paths import kinks
+from fleetlog.discovery.hypotheses.hypothesis import _numbers
+from fleetlog.discovery.hypotheses.scope import FLEET
 from fleetlog.discovery.hypotheses.squares import make_squares
 from fleetlog.discovery.hypotheses.stretches import make_stretches
 from fleetlog.discovery.recording import windows
@@ -22,7 +24,10 @@ from fleetlog.discovery.recording.blocks import block
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
-from fleetlog.discovery.recording.turns import Turn, _map_explains
+from fleetlog.discovery.recording.turns import Turn, _map_explains, measure
+from fleetlog.discovery.report.finding import Parameter
+from fleetlog.discovery.report.words import statement
+from fleetlog.physics.motion.legs import Leg
 from fleetlog.physics.power import Physics, all_terms, battery_power
 
 TRUCK = Truck(Chassis(4500.0))
@@ -183,3 +188,53 @@ def test_turns_are_measured_where_the_map_does_not_tell_where_trucks_slow_down(
         speed = min(4.0, np.sqrt(lateral / bend)) * rng.normal(1.0, 0.03)
         known.append(turn(angle, speed, length, corner))
     assert _map_explains(known) is not own
+
+
+def crossing(angle: float, pace) -> Leg:
+    """Sixty metres over a junction in the middle, where the way turns on an arc of 4 m; ``pace`` by distance."""
+    s = np.linspace(0.0, 60.0, 121)
+    turned = np.clip((s - 28.0) / 4.0, 0.0, 1.0) * angle
+    x, y = (np.cumsum(f(turned)) * 0.5 for f in (np.cos, np.sin))
+    path = Motion.of(
+        len(s),
+        x=x,
+        y=y,
+        heading=turned,
+        speed=np.array([pace(v) for v in s]),
+        edge=(s > 30.0).astype(np.int32),
+    )
+    return Leg(s, path, np.zeros(len(s), np.int64), 0.0, True, {})
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.5])
+def test_a_slow_road_behind_a_junction_does_not_make_the_junction_slow(angle: float) -> None:
+    """The junction is taken at 2 m/s, from six metres behind it on at 1 m/s."""
+    slow = crossing(angle, lambda s: 2.0 if s < 36.0 else 1.0)
+    others = [crossing(1.5, lambda s: 2.0) for _ in range(4)]
+    for k, leg in enumerate(others):  # Ways of their own, as bends are needed to measure any
+        leg.path.edge[:] += 2 + 2 * (k % 3)
+    legs = [slow, slow, slow, *(leg for leg in others for _ in range(3))]
+    everywhere = [(leg, np.full(121, 3.0), np.ones(121, bool)) for leg in legs]
+    assert measure(everywhere, TRUCK).by_way[0, 1].speed == pytest.approx(2.0)
+
+
+def test_numbers_of_one_term_are_tried_one_by_one_and_in_pairs() -> None:
+    found = [tuple(k.parameter for k in h.knobs) for h in _numbers(all_terms()["laden_speed"], FLEET)]
+    assert set(found) == {
+        ("factor",), ("turns",), ("top",), ("factor", "turns"), ("factor", "top"), ("turns", "top"),
+    }  # fmt: skip
+
+
+def test_a_load_slows_a_truck_in_turns_by_the_share_that_is_said() -> None:
+    term = all_terms()["laden_speed"]
+    motion = Motion.of(
+        3, payload=np.array([0.0, 900.0, 900.0]), speed=np.full(3, 3.0), curvature=np.array([0.5, 0.5, 0.0])
+    )
+    free = np.sqrt(TRUCK.drive.max_lateral_acceleration / 0.5)
+    caps = term.function(motion, TRUCK, {"turns": 0.7})
+    assert caps == pytest.approx([np.inf, 0.7 * free, 3.0])
+    said = statement(term, [Parameter(n, 0.7, 0.6, 0.8, "1") for n in ("factor", "turns")], None, None)
+    assert said == (
+        "With a load, trucks drive at 70% (60% to 80%) of their unladen speed; "
+        "with a load, trucks take turns at 70% (60% to 80%) of their unladen speed"
+    )

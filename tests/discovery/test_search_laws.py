@@ -93,3 +93,13 @@ def test_the_noise_floor_is_the_noise_whatever_the_effect(noise: float) -> None:
     residual = 4.0 * np.sin(x[:, 0]) + 2.0 * x[:, 1] + noise * rng.normal(size=3000)
     floor = noise_floor(x, residual, np.arange(3000) // 5, rng.random(3000) < 0.3)
     assert floor == pytest.approx(noise, rel=0.15, abs=0.12)
+
+
+def test_a_gross_error_among_alike_windows_does_not_lower_the_noise_floor() -> None:
+    rng = np.random.default_rng(3)
+    for one in rng.integers(0, 400, 20):
+        x, residual = rng.uniform(0, 3, (400, 2)), rng.normal(size=400)
+        wanted = rng.random(400) < 0.3
+        plain = noise_floor(x, residual, np.arange(400) // 5, wanted)
+        residual[one] += 40.0
+        assert noise_floor(x, residual, np.arange(400) // 5, wanted) > 0.8 * plain

@@ -16,6 +16,7 @@ from truth import Truth, long_road, on_road, shuttle
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import Noise, Reconstruction, reconstruct
+from fleetlog.physics.motion.reconstruction import _spread
 from fleetlog.roads.matching import match
 
 ROAD = long_road()
@@ -228,3 +229,13 @@ def test_whatever_comes_the_motion_is_finite(rows: list[tuple[float, float, int]
     for name in ("speed", "acceleration", "slope", "curvature", "heading", "dt", "lift_speed", "payload"):
         assert np.isfinite(getattr(found.motion, name)).all(), name
     assert np.isfinite(found.speed_sd).all() and (found.motion.speed >= 0).all()
+
+
+@given(st.lists(st.floats(0.0, 3.0), min_size=1, max_size=40))
+def test_samples_lie_about_the_likeliest_acceleration_as_a_normal_does(errors: list[float]) -> None:
+    """Their mean, mean size and mean square are those of a normal, over rows of four samples."""
+    deviation = np.repeat([[1.0, 0.6, 0.6, 1.0]], 2 * len(errors), axis=0) * np.repeat(errors, 2)[:, None]
+    found = _spread(deviation.ravel()).reshape(deviation.shape)
+    assert found.sum(axis=1) == pytest.approx(np.zeros(len(found)), abs=1e-12)
+    assert np.abs(found).sum() == pytest.approx(np.sqrt(2.0 / np.pi) * deviation.sum())
+    assert (found**2).sum() == pytest.approx((deviation**2).sum())

@@ -123,7 +123,7 @@ class EnergyChannel(Channel):
             swings += np.bincount(road, ripple**2, len(swings))
             energy += np.bincount(road, unit.recorded[use] ** 2, len(swings))
         worst = np.argsort(-swings)[:MOST_HUNTED]
-        material = RIPPLE.spread**2 * swings > self.place_error**2 * energy
+        material = RIPPLE.most**2 * swings > self.place_error**2 * energy
         return tuple(int(r) for r in worst if material[r])
 
     def _thinned(self, unit: Unit, rare: Block) -> Floats:

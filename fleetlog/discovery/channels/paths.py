@@ -37,7 +37,8 @@ class Path:
     node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that
     belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at the
     node, neither for a purpose nor for another truck; ``kink`` (G,) curvature [1/m] that a truck would take
-    which follows the line of the map; ``behind`` (W,) whether another truck was in the way in a window.
+    which follows the line of the map; ``behind`` (W,) whether another truck was in the way in a window, and
+    ``apart`` (W,) whether it was, but whatever the truck stood for was not that.
     """
 
     motion: Motion
@@ -49,11 +50,13 @@ class Path:
     standing: Floats
     kink: NDArray[np.float32]
     behind: Mask
+    apart: Mask
 
     def part(self, nodes: Mask, windows: Mask) -> "Path":
         """Return some nodes, which are all of some windows."""
         of = (np.cumsum(windows) - 1)[self.of[nodes]]
-        return Path(**picked(self, nodes, "of", "behind"), of=of, behind=self.behind[windows])
+        one, other = self.behind[windows], self.apart[windows]
+        return Path(**picked(self, nodes, "of", "behind", "apart"), of=of, behind=one, apart=other)
 
     @property
     def last(self) -> Mask:
@@ -126,7 +129,7 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]
     """Legs of a route, those joined between which it only stood since another truck was in the way."""
     last = np.cumsum(r.size) - 1
     # Where nothing tells what a stop was for, none is told to be for another truck.
-    on = held[last] & (np.diff(r.errand, append=-1) == 0) & r.known
+    on = held[last] & behind[last] & (np.diff(r.errand, append=-1) == 0) & r.known
     first = 0
     for k in range(len(r.legs)):
         if on[k]:
@@ -177,9 +180,10 @@ def lay_out(
     motion = motion.replaced(
         speed=limit, time=motion.time + day.route.start, vehicle=np.full(len(motion), day.route.vehicle)
     )
-    behind, astray = (
-        np.bincount(of, np.concatenate([getattr(v, n) for v in found]), count) > 0
-        for n in ("behind", "astray")
+    stops = [np.isin(np.arange(len(v.behind)), list(v.leg.stops)) for v in found]
+    behind, astray, queued = (
+        np.bincount(of, np.concatenate(flags), count) > 0
+        for flags in ([v.behind for v in found], [v.astray for v in found], stops)
     )
     metres = np.asarray(np.bincount(of, step, count), dtype=np.float64)
     middle = np.searchsorted(of, np.arange(count)) + np.bincount(of) // 2
@@ -191,7 +195,8 @@ def lay_out(
     )  # fmt: skip
     of, share, standing = of.astype(np.int32), share.astype(np.float32), standing.astype(np.float32)
     kink = kinks(fleet.network, motion.edge, motion.edge_offset).astype(np.float32)
-    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, behind)
+    apart = behind & ~astray & ~queued & (recorded > 0.0)
+    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, behind, apart)
     return path, windows, recorded, (recorded > 0.0) & ~behind & ~astray
 
 

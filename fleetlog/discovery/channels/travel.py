@@ -24,7 +24,7 @@ from fleetlog.physics.term import Term
 
 FEW = 3  # Stops from which on trucks wait at a place
 
-GATHERS = 2.0  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
+GATHERS = 2.5  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
 
 ERRORS = (
     ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25),
@@ -56,12 +56,15 @@ class TravelChannel(Channel):
         yield from self._kept
 
     def _with_stands(self, made: list[Unit]) -> list[Unit]:
-        """The units, told where trucks stood for no purpose: only there they waited, and times scatter so."""
+        """The units, told where trucks stood for no purpose: only there they waited, and times scatter so.
+
+        A truck with another in its way waits there as well: of such passages only the standing counts.
+        """
         n = len(self.lanes)
         passed, stops, seconds, squares = np.zeros((4, n))
         cells = [self.lanes.at(u.own.motion)[0].astype(np.int64) for u in made]
         for u, cell in zip(made, cells, strict=True):
-            seen = (u.whole & (self.split.fold(u.windows) != HELD_OUT))[u.own.of]
+            seen = ((u.whole | u.own.apart) & (self.split.fold(u.windows) != HELD_OUT))[u.own.of]
             begin = np.append(True, np.diff(cell) != 0)
             passed += np.bincount(cell[seen & begin], minlength=n)
             wait = np.where(seen, u.own.standing, 0.0)
@@ -74,8 +77,11 @@ class TravelChannel(Channel):
         for u, cell in zip(made, cells, strict=True):
             noise = np.zeros(len(u.recorded))
             np.maximum.at(noise, u.own.of, scatter[cell])
-            path = replace(u.own, share=np.where(stops[cell] >= FEW, u.own.share, 0.0))
-            out.append(replace(u, own=path, noise=noise))
+            waits = stops[cell] >= FEW
+            path = replace(u.own, share=np.where(waits, u.own.share, 0.0))
+            apart = path.apart & (summed(path, waits.astype(float)) > 0.0)
+            stood = np.where(apart, u.level + summed(path, path.standing), u.recorded)
+            out.append(replace(u, own=path, noise=noise, recorded=stood, whole=u.whole | apart))
         return out
 
     def _unit(self, day: Day) -> Unit | None:
@@ -163,9 +169,9 @@ class TravelChannel(Channel):
             return drive_times(path, physics)[0]
 
         passed = (
-            (u.own, u.whole, u.windows.trip, np.maximum(self._waits(u.own, model) - u.own.standing, 0.0))
-            for u in self.units()
-        )
+            (u.own, u.whole & ~u.own.behind, u.windows.trip,
+             np.maximum(self._waits(u.own, model) - u.own.standing, 0.0)) for u in self.units()
+        )  # fmt: skip
         return lost_time(passed, self.lanes, free, known)
 
     def features(self, unit: Unit, model: Model) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -149,7 +150,7 @@ def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothe
 
 
 def _numbers(term: Term, scope: Scope) -> Iterator[Hypothesis]:
-    """The numbers of a term: a vector's together, each amplitude with every setting of the shapes."""
+    """The numbers of a term: a vector's together, else one or two with every setting of the shapes."""
     amplitudes = [p for p in term.parameters if not p.shape]
     if term.vector:
         yield Hypothesis(term.name, tuple(Knob(term.name, p.name, scope) for p in amplitudes))
@@ -157,6 +158,7 @@ def _numbers(term: Term, scope: Scope) -> Iterator[Hypothesis]:
     grid: list[tuple[tuple[str, float], ...]] = [()]
     for p in (p for p in term.parameters if p.shape):
         grid = [(*g, (p.name, float(v))) for g in grid for v in np.linspace(p.low, p.high, SHAPES)]
-    for p in amplitudes:
+    knobs = [Knob(term.name, p.name, scope) for p in amplitudes]
+    for some in (*((k,) for k in knobs), *combinations(knobs, 2)):
         for setting in grid:
-            yield Hypothesis(term.name, (Knob(term.name, p.name, scope),), setting)
+            yield Hypothesis(term.name, some, setting)

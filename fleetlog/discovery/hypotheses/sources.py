@@ -43,6 +43,11 @@ class ErrorSource:
     spread: float
     road: int | None = None
 
+    @property
+    def most(self) -> float:
+        """How large its coefficient may be."""
+        return 2.0 * self.spread
+
 
 Source = KnobSource | FieldSource | FreeCurve | ErrorSource  # A free curve has one column a knot
 

@@ -20,6 +20,7 @@ Way = tuple[int, int]  # Edges before and behind a junction
 
 FEWEST = 3  # Passages from which on a way over a junction is known
 REACH = 10.0  # Half the way on which a junction is crossed [m]
+STRAIGHT = 5.0  # Half the way on which it slows down who goes straight on [m]
 CLEAR = 14.0  # Nearer to a stop, the speed at a junction is that of setting off or stopping [m]
 BEND, BACK = 0.6, 2.6  # A smaller turn is none; a larger one is a turn on the spot [rad]
 DRIVEN = 0.7
@@ -70,7 +71,8 @@ class Turns:
 
 @dataclass(frozen=True)
 class _Pass:
-    speed: float
+    s: Floats  # About the meeting of the edges [m]
+    speed: Floats
     free: float
     curvature: float
     turned: Floats
@@ -114,18 +116,15 @@ def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
     at = s[near][2:-2]
     curvature = float(np.abs(leg.path.curvature[near]).max())
     turned, middle = np.diff(course), 0.5 * (at[1:] + at[:-1])
-    return _Pass(
-        float(speed.min()), float(free[near].min()), curvature, turned, middle, float(np.median(speed))
-    )
+    return _Pass(s[near], speed, float(free[near].min()), curvature, turned, middle, float(np.median(speed)))
 
 
 def _turn(passes: list[_Pass]) -> Turn:
     """What passages have in common."""
     angle = float(np.median([p.turned.sum() for p in passes]))
-    speed = max(float(np.quantile([p.speed for p in passes], DRIVEN)), 0.1)
     free, curvature = (float(np.median([getattr(p, n) for p in passes])) for n in ("free", "curvature"))
     if abs(angle) < BEND:
-        return Turn(angle, 0.0, 4.0 * SHORTEST, speed, free, curvature)
+        return Turn(angle, 0.0, 4.0 * SHORTEST, _speed(passes, 0.0, STRAIGHT), free, curvature)
     turned, at = np.concatenate([p.turned for p in passes]), np.concatenate([p.at for p in passes])
     weight = turned / turned.sum()
     middle = float(np.clip(weight @ at, -0.5 * REACH, 0.5 * REACH))
@@ -133,7 +132,13 @@ def _turn(passes: list[_Pass]) -> Turn:
     blur = BLUR + float(np.mean([p.spacing**2 for p in passes])) / 6.0
     variance = float(weight @ (at - middle) ** 2) - blur
     length = float(np.clip(np.sqrt(12.0 * max(variance, 0.0)), SHORTEST, 1.5 * REACH))
-    return Turn(angle, middle, length, speed, free, curvature)
+    return Turn(angle, middle, length, _speed(passes, middle, max(0.5 * length, 2.0)), free, curvature)
+
+
+def _speed(passes: list[_Pass], middle: float, reach: float) -> float:
+    """The speed intended there: what lies before or behind may be slow for a reason of its own."""
+    slowest = [float(p.speed[np.abs(p.s - middle) <= reach].min()) for p in passes]
+    return max(float(np.quantile(slowest, DRIVEN)), 0.1)
 
 
 def _map_explains(known: list[Turn]) -> bool:

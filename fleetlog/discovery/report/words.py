@@ -68,9 +68,10 @@ def statement(
     given: dict[str, Any] = {p.name: p for p in parameters}
     for p in term.parameters:
         given.setdefault(p.name, Parameter(p.name, p.neutral, p.neutral, p.neutral, p.unit, p.neutral))
-    own = [d.sentence for p in parameters if (d := term.by_name.get(p.name)) is not None and d.sentence]
-    if own or term.sentence:
-        text = (own or [term.sentence])[0].format(where=place(where), **given)
+    of_each = [term.by_name[p.name].sentence or term.sentence for p in parameters if p.name in term.by_name]
+    if all(said := of_each or [term.sentence]):
+        first, *more = dict.fromkeys(said)
+        text = "; ".join([first, *(m[:1].lower() + m[1:] for m in more)]).format(where=place(where), **given)
     else:
         numbers = ", ".join(
             f"{p.name} = {p.value:.4g} ({p.low:.4g} to {p.high:.4g}){'' if p.unit == '1' else ' ' + p.unit}"

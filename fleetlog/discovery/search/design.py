@@ -64,11 +64,12 @@ class Design:
         ))  # fmt: skip
 
     def occam(self, normal: Normal, share: float) -> float:
-        """Return what the share costs: the log of the prior's width, by each number that the data tell."""
+        """Return what the share that it is scaled by costs: the log of the prior's width, by each number
+        that the data tell."""
         which = np.array([a.of_truck_file for a in self.atoms])
         if not which.any():
             return 0.0
-        precision = self.scaled(share).prior.precision
+        precision = self.prior.precision
         spread = np.diag(np.linalg.pinv(normal.gram.sum(axis=0) + np.diag(precision + 1e-12)))
         known = np.clip(1.0 - precision * spread, 0.0, 1.0)
         return float(known[which].sum() * np.log(share))
@@ -119,8 +120,8 @@ def make_design(channel: Channel, layout: Layout, model: Model, chosen: Sequence
         knobs += [replace(k, scope=Scope((v,))) for k in knobs for v in vehicles]
     atoms = [_tolerance(channel, layout, model, k) for k in knobs if k not in freed]
     for source in channel.errors():
-        at, most = np.array(layout.at(source)), CERTAIN * source.spread
-        atoms.append(Atom(at, np.ones(1), source.spread**-2.0, low=-most, high=most))
+        at = np.array(layout.at(source))
+        atoms.append(Atom(at, np.ones(1), source.spread**-2.0, low=-source.most, high=source.most))
     for h in chosen:
         alone = sum(other.term == h.term for other in chosen) == 1
         atoms.extend(of_hypothesis(channel, layout, model, h, alone))

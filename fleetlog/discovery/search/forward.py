@@ -210,7 +210,7 @@ def _exact(problem: Problem, now: Joint, worth: dict[Hypothesis, tuple[Hypothesi
     seen: dict[object, int] = {}
     for h, beside in worth.items():
         kind = "fleet" if h.scope.whole else "truck" if h.scope.one is not None else "scoped"
-        key = (h.term, kind) if h.term else "free"
+        key = (h.term, kind, len(h.knobs)) if h.term else "free"
         most = 3 if h.term is None or (h.physics and h.physics.field) else 2 if kind == "scoped" else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
@@ -250,9 +250,9 @@ def simplicity(joint: Joint) -> int:
     return 3 if h.patterns else 4 if h.field and h.term else 5
 
 
-def _on_bound(problem: Problem, joint: Joint) -> bool:
-    """Whether the last hypothesis needs an implausible number."""
-    h = joint.chosen[-1]
+def _on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bool:
+    """Whether a hypothesis, by default the last, needs an implausible number."""
+    h = h or joint.chosen[-1]
     pairs = zip(joint.design.atoms, joint.fitted.beta, strict=True)
     if any(a.owner == h and not a.low < b < a.high for a, b in pairs):
         return True
@@ -265,18 +265,16 @@ def _on_bound(problem: Problem, joint: Joint) -> bool:
 
 
 def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
-    """Whether an effect is material.
-
-    What a richer shape makes up is partly noise and the model's own error; of it counts what unseen trips
-    confirm.
-    """
-    material = problem.settings.material
-    least = max(material, problem.channel.model_error)
-    if h.knobs:  # The model's own error is alike in all trucks and hours: between them it takes nothing away.
-        return size.share >= (least if h.scope.whole else material)
+    """Whether an effect is material, and beyond the model's own error by what unseen trips confirm of it."""
     if {"x", "y"} & set(h.depends_on):
         return size.verified >= problem.channel.place_error
-    return size.share >= least and size.verified >= problem.channel.model_error
+    material, own = problem.settings.material, problem.channel.model_error
+    if not h.knobs:
+        return size.share >= max(material, own) and size.verified >= own
+    # Tolerances may say most of a number, so that unseen trips confirm a small part of a large effect; of a
+    # false number they confirm a small part of a small one.  The model's own error is alike in all trucks and
+    # hours: between them it takes nothing away.
+    return size.share >= material and (not h.scope.whole or size.share * size.verified >= own**2)
 
 
 def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> list[Rival]:
@@ -296,16 +294,19 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
 
 
 def _pruned(problem: Problem, found: Search) -> Search:
-    """Drop what is not needed beside the rest."""
+    """Drop what is not needed beside the rest, or has come to an implausible number beside it."""
     while len(found.joint.chosen) > 1:
         shorter = [
             refit(problem, without(found.joint, h), [c for c in found.joint.chosen if c is not h], steps=2)
             for h in found.joint.chosen
         ]
         best = min(shorter, key=lambda j: j.score)
-        if best.score - found.joint.score > problem.settings.evidence:
+        bound = [
+            j for j, h in zip(shorter, found.joint.chosen, strict=True) if _on_bound(problem, found.joint, h)
+        ]
+        if best.score - found.joint.score > problem.settings.evidence and not bound:
             break
-        found.joint = best
+        found.joint = min(bound or [best], key=lambda j: j.score)
     return found
 
 

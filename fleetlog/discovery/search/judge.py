@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import stdtr
+from scipy.stats import theilslopes
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import Unit
@@ -140,6 +141,9 @@ def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) ->
         return None
     count, apart, off = (np.bincount(rank[use], w)[1:] for w in (None, distance[use] ** 2, half[use]))
     delta, gamma = apart / count, off / count
-    slope, start = np.polyfit(delta, gamma, 1) if len(delta) > 2 and np.ptp(delta) > 0 else (0.0, gamma[0])
+    # By medians (Theil 1950, Sen 1968): one gross error among the neighbours of a rank turns a line of least
+    # squares.
+    several = len(delta) > 2 and np.ptp(delta) > 0
+    slope, start = theilslopes(gamma, delta)[:2] if several else (0.0, gamma[0])
     nearest = float(gamma[0])
     return float(np.sqrt(np.clip(start if slope > 0 else nearest, 0.25 * nearest, nearest)))

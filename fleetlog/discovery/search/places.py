@@ -30,16 +30,16 @@ def pattern_hypotheses(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis
 def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells: Stretches) -> list[Pattern]:
     assert h.physics is not None
     moment, product = _by_cell(problem, sums, joint, h)
-    evident = 2.0 * problem.noise.design * (problem.settings.parameter + 5.0)
     passes = problem.channel.passes(h.physics)
     share = passes / max(float(passes.sum()), 1.0)
     material = max(problem.settings.material, problem.channel.model_error) ** 2 * sums.energy
+    plausible = h.physics.parameters[0].plausible
     found: list[Pattern] = []
     while len(found) < MOST_PATTERNS:
         best, first, last = max(
-            (_best(moment, product, first, last) for first, last in cells.roads()), key=lambda b: b[0]
+            (_best(moment, product, plausible, *road) for road in cells.roads()), key=lambda b: b[0]
         )
-        if best < max(evident, material * float(share[first:last].sum())):
+        if best < max(_evident(problem), material * float(share[first:last].sum())):
             break
         pattern = np.zeros(len(cells))
         pattern[first:last] = 1.0
@@ -60,8 +60,16 @@ def _by_cell(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis) -> tuple
     return back.T @ left.moment, back.T @ left.product @ back
 
 
-def _best(moment: Floats, product: Floats, first: int, last: int) -> tuple[float, int, int]:
-    """The run of cells of a road whose common value explains most: twice the gain in likelihood, its ends."""
+def _evident(problem: Problem) -> float:
+    """Twice the gain in likelihood that makes a stretch of road worth a number."""
+    return 2.0 * problem.noise.design * (problem.settings.parameter + 5.0)
+
+
+def _best(
+    moment: Floats, product: Floats, plausible: tuple[float, float], first: int, last: int
+) -> tuple[float, int, int]:
+    """The run of cells of a road whose common value, a plausible one, explains most: twice the gain in
+    likelihood, its ends."""
     n = last - first
     u = np.concatenate([[0.0], np.cumsum(moment[first:last])])
     d = np.zeros((n + 1, n + 1))
@@ -69,7 +77,9 @@ def _best(moment: Floats, product: Floats, first: int, last: int) -> tuple[float
     i, j = np.triu_indices(n + 1, 1)
     size = d[j, j] - d[i, j] - d[j, i] + d[i, i]
     own = np.trace(product) / len(product)
-    gain = np.where(size > 1e-3 * own, (u[j] - u[i]) ** 2 / np.maximum(size, 1e-12), 0.0)
+    along = u[j] - u[i]
+    value = np.clip(along / np.maximum(size, 1e-12), *plausible)
+    gain = np.where(size > 1e-3 * own, value * (2.0 * along - value * size), 0.0)
     # Of runs that say the same the shortest: cells that nothing touches belong to none.
     k = int(np.argmax(gain - 1e-6 * gain.max() * (j - i)))
     return float(gain[k]), first + int(i[k]), first + int(j[k])

@@ -167,10 +167,13 @@ def _nothing(noise: Noise) -> Reconstruction:
 
 
 def _spread(deviation: Floats) -> Floats:
-    """(n,) up and down by the mean size of a normal of this deviation, so that a row keeps its mean: of its
-    samples (large, small, small, large) the outer and the inner ones cancel.
+    """(n,) up and down about a normal of this deviation, with its mean size and its mean square, so that a
+    row keeps its mean: of its samples (large, small, small, large) the outer and the inner ones cancel.
 
-    Power has a kink where traction turns into braking: its expectation is more than its value there.
+    Power has a kink where traction turns into braking, and losses grow with the square of the force: their
+    expectation is more than their value at the likeliest.
     """
-    turns = [1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0]
-    return np.asarray(np.sqrt(2.0 / np.pi) * deviation * np.resize(turns, len(deviation)))
+    mean, rest = np.sqrt(2.0 / np.pi), np.sqrt(1.0 - 2.0 / np.pi)
+    far, near = mean + rest, mean - rest
+    turns = [far, -near, near, -far, -near, far, -far, near]
+    return np.asarray(deviation * np.resize(turns, len(deviation)))
