@@ -80,7 +80,7 @@ def test_the_models_own_error_grows_as_rows_become_rarer(simulated: Path) -> Non
     for every in (1, 2, 5):
         rarer = replace(fleet, days=[(v, t[::every]) for v, t in fleet.days])
         errors.append(channel_of("battery_power", rarer, base, SETTINGS, split).model_error)
-    assert errors[0] < 0.03
+    assert errors[0] < 0.04
     assert errors[0] <= errors[1] < errors[2]
 
 
