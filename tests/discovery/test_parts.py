@@ -27,6 +27,7 @@ from fleetlog.discovery.recording.splits import make_split
 from fleetlog.discovery.recording.turns import Turn, _map_explains, measure
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
+from fleetlog.discovery.search.places import _best
 from fleetlog.physics.motion.legs import Leg
 from fleetlog.physics.power import Physics, all_terms, battery_power
 
@@ -238,3 +239,23 @@ def test_a_load_slows_a_truck_in_turns_by_the_share_that_is_said() -> None:
         "With a load, trucks drive at 70% (60% to 80%) of their unladen speed; "
         "with a load, trucks take turns at 70% (60% to 80%) of their unladen speed"
     )
+
+
+@pytest.mark.parametrize(
+    ("at", "near", "told"), [(0, 10.0, False), (4, 10.0, False), (2, 10.0, True), (0, 0.0, True)]
+)
+def test_what_is_near_a_junction_alone_is_no_stretch_of_road(at: int, near: float, told: bool) -> None:
+    """Of five cells of 8 m one stands out; for waits (``near`` 0) it may be the first or last."""
+    cells = make_stretches(network())
+    moment = np.where(np.arange(len(cells)) == at, 10.0, 0.01)
+    gain, first, last = _best(moment, np.eye(len(cells)), (-np.inf, np.inf), near, cells, 0, 5)
+    assert ((first, last) == (at, at + 1)) is told
+    assert (gain > 99.0) is told
+
+
+def test_a_stretch_gains_no_more_than_a_plausible_value_of_it() -> None:
+    cells = make_stretches(network())
+    moment = np.where(np.arange(len(cells)) == 2, -10.0, 1.0)
+    gain, first, last = _best(moment, np.eye(len(cells)), (-0.05, 19.0), 0.0, cells, 0, 5)
+    assert not first <= 2 < last
+    assert gain == pytest.approx(2.0)

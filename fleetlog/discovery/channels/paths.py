@@ -180,7 +180,7 @@ def lay_out(
     motion = motion.replaced(
         speed=limit, time=motion.time + day.route.start, vehicle=np.full(len(motion), day.route.vehicle)
     )
-    stops = [np.isin(np.arange(len(v.behind)), list(v.leg.stops)) for v in found]
+    stops = [np.full(len(v.behind), bool(v.leg.stops)) for v in found]
     behind, astray, queued = (
         np.bincount(of, np.concatenate(flags), count) > 0
         for flags in ([v.behind for v in found], [v.astray for v in found], stops)

@@ -23,6 +23,7 @@ from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
 FEW = 3  # Stops from which on trucks wait at a place
+SCATTER = 0.5  # Of waits, as a share of their mean, by what counts as one passage; the others tell the rest
 
 GATHERS = 2.5  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
 
@@ -71,8 +72,9 @@ class TravelChannel(Channel):
             stops += np.bincount(cell[wait > 0.0], minlength=n)
             seconds += np.bincount(cell, wait, n)
             squares += np.bincount(cell, wait**2, n)
-        passed = np.maximum(passed, stops + 1.0)
-        scatter = np.where(stops >= FEW, squares / passed - (seconds / passed) ** 2, 0.0)
+        passed, usual = np.maximum(passed, stops), seconds / np.maximum(stops, 1.0)
+        off = squares - seconds**2 / np.maximum(passed, 1.0) + (SCATTER * usual) ** 2
+        scatter = np.where(stops >= FEW, off / np.maximum(passed, 1.0), 0.0)
         out = []
         for u, cell in zip(made, cells, strict=True):
             noise = np.zeros(len(u.recorded))

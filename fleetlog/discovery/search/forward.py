@@ -148,6 +148,7 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
     return timed if joint.score - timed.score > problem.settings.evidence else None
 
 
+NOTHING = 0.01  # Share of the largest gain of a fold up to which a fold has nothing to say
 OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve that says more
 MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
 NUMBERS, OTHERS = 0.1, 0.3
@@ -178,8 +179,10 @@ def _candidates(problem: Problem, sums: Sums, now: Joint) -> list[Hypothesis]:
 
 def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
     """Whether what speaks for a hypothesis is beyond chance, and beyond the model's own error."""
-    spread = s.by_fold.std(ddof=1) / np.sqrt(len(s.by_fold))
-    if s.gain < problem.settings.evidence or s.by_fold.mean() <= problem.settings.consistency * spread:
+    # Folds without a passage of the place say nothing of it.
+    told = s.by_fold[np.abs(s.by_fold) > NOTHING * np.abs(s.by_fold).max()]
+    spread = told.std(ddof=1) / np.sqrt(len(told)) if len(told) > 2 else np.inf
+    if s.gain < problem.settings.evidence or told.mean() <= problem.settings.consistency * spread:
         return False
     size = np.sqrt(max(float(s.by_fold.sum()), 0.0) / max(now.energy, 1e-12))
     return (

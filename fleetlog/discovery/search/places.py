@@ -5,6 +5,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern
 from fleetlog.discovery.hypotheses.stretches import Stretches
+from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import beside
 from fleetlog.discovery.search.design import of_hypothesis
 from fleetlog.discovery.search.joint import Joint
@@ -34,10 +35,13 @@ def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells:
     share = passes / max(float(passes.sum()), 1.0)
     material = max(problem.settings.material, problem.channel.model_error) ** 2 * sums.energy
     plausible = h.physics.parameters[0].plausible
+    # What is near a junction alone is not told from how the junction is crossed; but waits are often there.
+    near = 0.0 if h.physics.acts == "wait" else REACH
     found: list[Pattern] = []
     while len(found) < MOST_PATTERNS:
         best, first, last = max(
-            (_best(moment, product, plausible, *road) for road in cells.roads()), key=lambda b: b[0]
+            (_best(moment, product, plausible, near, cells, *road) for road in cells.roads()),
+            key=lambda b: b[0],
         )
         if best < max(_evident(problem), material * float(share[first:last].sum())):
             break
@@ -66,10 +70,11 @@ def _evident(problem: Problem) -> float:
 
 
 def _best(
-    moment: Floats, product: Floats, plausible: tuple[float, float], first: int, last: int
-) -> tuple[float, int, int]:
+    moment: Floats, product: Floats, plausible: tuple[float, float], near: float, cells: Stretches,
+    first: int, last: int,
+) -> tuple[float, int, int]:  # fmt: skip
     """The run of cells of a road whose common value, a plausible one, explains most: twice the gain in
-    likelihood, its ends."""
+    likelihood, its ends.  A part of the road that is no longer than ``near`` [m] and at its end is none."""
     n = last - first
     u = np.concatenate([[0.0], np.cumsum(moment[first:last])])
     d = np.zeros((n + 1, n + 1))
@@ -79,7 +84,9 @@ def _best(
     own = np.trace(product) / len(product)
     along = u[j] - u[i]
     value = np.clip(along / np.maximum(size, 1e-12), *plausible)
-    gain = np.where(size > 1e-3 * own, value * (2.0 * along - value * size), 0.0)
+    brief = (cells.end[first + j - 1] - cells.start[first + i] < near) & ((i == 0) != (j == n))
+    told = (size > 1e-3 * own) & ~brief
+    gain = np.where(told, value * (2.0 * along - value * size), 0.0)
     # Of runs that say the same the shortest: cells that nothing touches belong to none.
     k = int(np.argmax(gain - 1e-6 * gain.max() * (j - i)))
     return float(gain[k]), first + int(i[k]), first + int(j[k])
