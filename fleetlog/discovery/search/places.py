@@ -31,6 +31,7 @@ def pattern_hypotheses(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis
 def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells: Stretches) -> list[Pattern]:
     assert h.physics is not None
     moment, product = _by_cell(problem, sums, joint, h)
+    evident = 2.0 * problem.noise.design * (problem.settings.parameter + 5.0)
     passes = problem.channel.passes(h.physics)
     share = passes / max(float(passes.sum()), 1.0)
     material = max(problem.settings.material, problem.channel.model_error) ** 2 * sums.energy
@@ -43,7 +44,7 @@ def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells:
             (_best(moment, product, plausible, near, cells, *road) for road in cells.roads()),
             key=lambda b: b[0],
         )
-        if best < max(_evident(problem), material * float(share[first:last].sum())):
+        if best < max(evident, material * float(share[first:last].sum())):
             break
         pattern = np.zeros(len(cells))
         pattern[first:last] = 1.0
@@ -62,11 +63,6 @@ def _by_cell(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis) -> tuple
     left = next(model.left(columns) for model, columns in beside(joint, sums, [own]))
     back = problem.channel.cells(h.physics).inverse
     return back.T @ left.moment, back.T @ left.product @ back
-
-
-def _evident(problem: Problem) -> float:
-    """Twice the gain in likelihood that makes a stretch of road worth a number."""
-    return 2.0 * problem.noise.design * (problem.settings.parameter + 5.0)
 
 
 def _best(
