@@ -13,10 +13,6 @@ RARELY = pytest.mark.xfail(
     strict=True,
     reason="rows five seconds apart: what they hide is told as unknown (truck, acceleration, speed) and as battery capacity",
 )
-STEEP = pytest.mark.xfail(
-    strict=True,
-    reason="rows five seconds apart: the steepest stretch comes out 12 % for 7 %, outside its interval",
-)
 SHARED = {"aux": "auxiliary_load", "grade": "grade", "surface": "surface_resistance"}
 
 
@@ -36,7 +32,7 @@ def test_a_clean_recording_stays_clean(lack: str, shared_data: Path) -> None:
 @pytest.mark.parametrize(
     ("case", "lack"),
     [
-        pytest.param("grade", "rows", marks=STEEP),
+        ("grade", "rows"),
         ("grade", "load"),
         ("grade", "power"),
         ("surface", "load"),
