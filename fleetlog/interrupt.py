@@ -30,12 +30,14 @@ def ignore() -> None:
 @contextmanager
 def later() -> Iterator[None]:
     """A block that signals wait for: one that comes while Python forks is lost or breaks its set-up."""
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
     finally:
-        _hear()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def obey() -> None:
@@ -43,10 +45,6 @@ def obey() -> None:
     for number in SIGNALS:  # None in two steps: to ignore one, be it for a moment, drops one that waits
         leave = number == signal.SIGTERM
         signal.signal(number, (lambda *_: sys.exit()) if leave else signal.SIG_IGN)
-    _hear()
-
-
-def _hear() -> None:
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 

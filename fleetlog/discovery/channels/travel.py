@@ -72,9 +72,10 @@ class TravelChannel(Channel):
             stops += np.bincount(cell[wait > 0.0], minlength=n)
             seconds += np.bincount(cell, wait, n)
             squares += np.bincount(cell, wait**2, n)
-        passed, usual = np.maximum(passed, stops), seconds / np.maximum(stops, 1.0)
-        off = squares - seconds**2 / np.maximum(passed, 1.0) + (SCATTER * usual) ** 2
-        scatter = np.where(stops >= FEW, off / np.maximum(passed, 1.0), 0.0)
+        stood = np.maximum(stops, 1.0)
+        passed, usual = np.maximum(passed, stood), seconds / stood
+        off = squares - seconds**2 / passed + (SCATTER * usual) ** 2
+        scatter = np.where(stops >= FEW, off / passed, 0.0)
         out = []
         for u, cell in zip(made, cells, strict=True):
             noise = np.zeros(len(u.recorded))
@@ -82,8 +83,8 @@ class TravelChannel(Channel):
             waits = stops[cell] >= FEW
             path = replace(u.own, share=np.where(waits, u.own.share, 0.0))
             apart = path.apart & (summed(path, waits.astype(float)) > 0.0)
-            stood = np.where(apart, u.level + summed(path, path.standing), u.recorded)
-            out.append(replace(u, own=path, noise=noise, recorded=stood, whole=u.whole | apart))
+            recorded = np.where(apart, u.level + summed(path, path.standing), u.recorded)
+            out.append(replace(u, own=path, noise=noise, recorded=recorded, whole=u.whole | apart))
         return out
 
     def _unit(self, day: Day) -> Unit | None:
