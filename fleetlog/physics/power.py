@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import chain
 from types import MappingProxyType
 
@@ -98,12 +98,13 @@ class Physics:
 
     @cached_property
     def _actual_truck(self) -> Truck:
-        truck = self.truck
-        for term in self.active():
-            for name, value in self.values.get(term.name, {}).items():
-                if key := term.by_name[name].truck_key:
-                    truck = truck.with_value(key, float(value))
-        return truck
+        keys = [
+            (term.by_name[name].truck_key, float(value))
+            for term in self.active()
+            for name, value in self.values.get(term.name, {}).items()
+            if term.by_name[name].truck_key
+        ]
+        return _with_values(self.truck, tuple(keys))
 
     def actual_motion(self, motion: Motion) -> Motion:
         """The motion with the load that acts, where a term replaces it."""
@@ -112,6 +113,13 @@ class Physics:
                 load = term.function(motion, self.truck, self.values_along(term, motion))
                 motion = motion.replaced(payload=load)
         return motion
+
+
+@lru_cache(1024)
+def _with_values(truck: Truck, values: tuple[tuple[str, float], ...]) -> Truck:
+    for key, value in values:
+        truck = truck.with_value(key, value)
+    return truck
 
 
 def term_forces(motion: Motion, physics: Physics) -> dict[str, Floats]:

@@ -36,6 +36,8 @@ class Case:
     vehicles: int = 4
     hours: float = 2.5
     days: int = 1
+    by: str = ""
+    """``engine``: driven by rigid bodies in place of a balance of forces."""
     family: str = ""
 
     @property
@@ -45,7 +47,8 @@ class Case:
         if self.strength != 1.0:
             what += f"@{self.strength:g}"
         plain = Case()
-        for key in ("site", "logger", "scope", "together", "wrong", "seed", "vehicles", "hours", "days"):
+        keys = ("site", "logger", "scope", "together", "wrong", "seed", "vehicles", "hours", "days", "by")
+        for key in keys:
             if getattr(self, key) != getattr(plain, key):
                 what += f",{key}={getattr(self, key)}"
         return what
@@ -172,8 +175,17 @@ def traffic(seed: int) -> Iterator[Case]:
         yield replace(fleet, terms=(term,))
 
 
+def engine(seed: int) -> Iterator[Case]:
+    """Trucks as rigid bodies: clean on three sites, and every effect on power, named or not."""
+    fleet = Case(logger="2hz", seed=seed, vehicles=3, hours=1.6, by="engine")
+    for site in ("plant", "yard", "none"):
+        yield replace(fleet, site=site)
+    for term in (*POWER, *OUTSIDE):
+        yield replace(fleet, terms=(term,))
+
+
 FAMILIES: dict[str, Callable[[int], Iterator[Case]]] = {
-    f.__name__: f for f in (clean, ladders, mixtures, loggers, sites, scopes, wrong_truck, traffic)
+    f.__name__: f for f in (clean, ladders, mixtures, loggers, sites, scopes, wrong_truck, traffic, engine)
 }
 
 

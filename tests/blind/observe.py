@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
+import engine
 import numpy as np
 import polars as pl
 from effects import Effect
@@ -44,7 +45,10 @@ def observe(
     """Rows of the log, and the windows that tell what the best model could know."""
     logger = w.logger
     ticks = moments(len(m), logger, rng)
-    terminal, cell = balance(m, own, w.effects, vehicle, w.truck)
+    if w.case.by == "engine":
+        m, terminal, cell = engine.drive(w, m, own, vehicle)
+    else:
+        terminal, cell = balance(m, own, w.effects, vehicle, w.truck)
     charge = np.nan_to_num(m.charge)
     at_terminal = terminal - charge if logger.charging == "inside" else terminal
     power = noisy_power(reported_power(at_terminal, ticks, logger, _averaging(w.effects)), logger, rng)

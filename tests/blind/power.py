@@ -63,11 +63,7 @@ def balance(
 
     A truck keeps its deviation from its ``kind`` (itself by default), from whose numbers effects were drawn.
     """
-    c: dict[str, Any] = BASELINE | vars(truck) | {"kind": BASELINE | vars(kind or truck)}
-    for effect in effects:
-        if effect.term in _SHIFTS:
-            weight = effect.scope.weight(vehicle, m.t, m.road)
-            _SHIFTS[effect.term](c, effect, weight, m)
+    c = coefficients(m, truck, effects, vehicle, kind)
     load = (m.weighed if weighed else m.load) * c["payload"]
     mass = c["mass"] + load
     moving = m.v > 0.0
@@ -82,6 +78,18 @@ def balance(
     lifting = (load + c["carriage"]) * GRAVITY * np.maximum(m.lift, 0.0) / c["lift"]
     terminal = drive + lifting + c["power"] + c["load"]
     return terminal, terminal + c["ohm"] * (terminal / c["voltage"]) ** 2
+
+
+def coefficients(
+    m: Motion, truck: Truck, effects: Sequence[Effect], vehicle: int, kind: Truck | None = None
+) -> dict[str, Any]:
+    """What effects make of a truck's numbers: one number each, or one at every tick."""
+    c: dict[str, Any] = BASELINE | vars(truck) | {"kind": BASELINE | vars(kind or truck)}
+    for effect in effects:
+        if effect.term in _SHIFTS:
+            weight = effect.scope.weight(vehicle, m.t, m.road)
+            _SHIFTS[effect.term](c, effect, weight, m)
+    return c
 
 
 def capacity(m: Motion, truck: Truck, effects: Sequence[Effect], vehicle: int) -> Any:

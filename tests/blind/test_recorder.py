@@ -25,7 +25,7 @@ from fleetlog.physics.power import all_terms
 HERE = Path(__file__).parent
 SMALL = {"vehicles": 1, "hours": 0.25}
 RECORDER = (
-    "cases", "driving", "effects", "key", "layouts", "loggers", "observe", "oracle", "paths", "power",
+    "cases", "driving", "effects", "engine", "key", "layouts", "loggers", "observe", "oracle", "paths", "power",
     "recorder", "shifts", "sites", "streets", "traffic", "trucks", "world",
 )  # fmt: skip
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fleetlog.core.motion import Motion
@@ -108,6 +108,7 @@ def faults(f: Fleet):
 
 
 @given(st.floats(-8.0, 8.0).filter(lambda s: abs(s) > 1.0))
+@example(1.125)
 @settings(max_examples=6, deadline=None)
 def test_a_late_clock_is_found(shift: float) -> None:
     (fault,) = faults(fleet(shift))

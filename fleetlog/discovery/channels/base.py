@@ -95,6 +95,11 @@ class Channel(ABC):
         """Return the cells of a field term, or of places (None)."""
 
     @property
+    def steady(self) -> bool:
+        """Whether the model's own error is alike in all trucks and hours."""
+        return True
+
+    @property
     def by_place(self) -> bool:
         """Whether free power (or time) by place can be told."""
         return True

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fleetlog.discovery.channels.base import Channel
+from fleetlog.discovery.channels.between import DILUTED
 from fleetlog.discovery.channels.energy import EnergyChannel
 from fleetlog.discovery.channels.travel import travel_channel
 from fleetlog.discovery.hypotheses.squares import make_squares
@@ -19,9 +20,6 @@ QUANTA = 8.0
 """Steps in a window of a stepped state of charge on average: its error is then a twentieth of its energy."""
 WIDEST = 600.0  # Of a window [s]: a stretch of road is no longer seen in a wider one
 ROWS = 3.0  # Rows in a window at least
-DILUTED = 0.002
-"""Power that is measured with errors of this share of its square makes whatever is proportional to it look
-smaller by the same share (regression dilution); wider windows average the errors."""
 ENOUGH = 4.0  # Times the fewest windows that a channel is judged by
 
 

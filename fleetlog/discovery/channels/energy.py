@@ -8,6 +8,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.discovery.channels.base import Channel, Columns, Unit
+from fleetlog.discovery.channels.between import DILUTED, Between, learn
 from fleetlog.discovery.channels.energy_columns import About, jumps
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses import curves
@@ -48,6 +49,7 @@ class EnergyChannel(Channel):
     measured: bool = False
     charge_step: float = 0.0  # Step in which the state of charge is logged
     hunted: tuple[int, ...] = ()  # Roads on which power swings within rows in a way of their own
+    between: Between | None = None  # What recorded power lacks between rows
 
     @property
     def metric(self) -> str:
@@ -65,6 +67,9 @@ class EnergyChannel(Channel):
         if self.measured:
             block = self._on_the_clock_of_charge(block)
         c = windows.cut(block, self.seconds)
+        if self.between is not None:
+            likely = self._likely_power(block, c, self.between)
+            block = replace(block, motion=block.motion.replaced(power=likely[block.row]))
         energy = _recorded(block, c, self.name, 3600.0 * self.truck.battery.capacity_wh)
         frame = windows.describe(block, c)
         whole = np.isfinite(energy) & self._seen_lifts(block, c, frame.duration, energy)
@@ -93,12 +98,24 @@ class EnergyChannel(Channel):
             changed += float((change[use] ** 2).sum())
             size += float((unit.recorded[use] ** 2).sum())
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
-        # Power that is measured at moments errs more by chance than a motion between rows.
-        alike = (0.5 if self.measured else 1.0) * settings.alike
+        if self.measured and hidden**2 > DILUTED:
+            motion, seen = replace(self, measured=False), self._looked_at(split, settings)
+            told = learn(self, motion, seen, hidden, settings.evidence)
+            if told.share > 0.5:
+                self.between, self._kept = told, []
+        # Power that is measured at moments errs more by chance than what is told from the motion.
+        alike = (0.5 if self.measured and self.between is None else 1.0) * settings.alike
         self.model_error = max(settings.model_error, alike * hidden)
         self.place_error = settings.gathers * self.model_error
         self.hunted = self._hunted(split, settings)
         return hidden
+
+    def _likely_power(self, block: Block, c: Cut, between: Between) -> Floats:
+        """(rows,) what the power [W] was on average over the time for which each row stands."""
+        e = replace(self.evaluation(block, self.base), charge=False, measured=None)
+        drawn = block.rows(np.maximum(e.force * e.gain, 0.0))
+        expected = block.rows(e.power) + between.beyond(self.state((block, c)), drawn)
+        return block.power + between.share * (expected - block.power)
 
     def _looked_at(self, split: Split, settings: Settings) -> Iterator[tuple[Unit, Mask]]:
         """Yield units until there are windows enough, with those that may be used, (W,)."""
@@ -206,6 +223,11 @@ class EnergyChannel(Channel):
         """Return the cells of a field: the same for all."""
         assert self.places is not None
         return replace(self.places, odd=term is not None and term.odd)
+
+    @property
+    def steady(self) -> bool:
+        """Whether the model's own error is alike in all trucks and hours: not what rows of power miss."""
+        return self.between is None
 
     @property
     def by_place(self) -> bool:

@@ -32,7 +32,7 @@ SHORTEST = 12.0  # Metres of progress that are worth comparing
 MISMATCHED = 0.25  # A ratio of speed to progress that is off by this is a wrong match
 MANY = 2000  # Rows that show well enough which shift to look at closely
 INTERVALS = np.linspace(0.85, 1.15, 13)
-"""Intervals of a mean that are tried, over twice the shift that fits best."""
+"""Intervals of a mean that are tried, over twice the shift that fits best; and shifts, over that."""
 PIECE = 200  # Rows of a piece whose clock is looked at by itself
 
 
@@ -207,7 +207,9 @@ def _best_shift(block: Block, power: Floats, piece: slice, train: Mask, step: fl
     # A mean over an interval lags by half of it.
     intervals = [step, *(2.0 * shift * INTERVALS if shift > 0.5 * step else ())]
     averaged = [alike(clock - i, clock, power_then) for i in intervals]
-    left = [float(np.sqrt(max(1.0 - c**2, 0.0))) for c in (shifted(0.0), shifted(shift), max(averaged))]
+    # As many shifts are tried as intervals: the best of many is better by chance.
+    late = max(shifted(s) for s in shift * INTERVALS)
+    left = [float(np.sqrt(max(1.0 - c**2, 0.0))) for c in (shifted(0.0), late, max(averaged))]
     return _Look(shift, left[0], left[1], float(intervals[int(np.argmax(averaged))]), left[2])
 
 

@@ -108,9 +108,13 @@ def _counting(problem: Problem, now: Joint, ranked: list[Joint], rivals: list[Hy
 
 
 def _follows(problem: Problem, now: Joint, joint: Joint, other: Joint) -> bool:
-    """Whether places mostly repeat what a curve over a recorded state says, and say it worse."""
+    """Whether places mostly repeat what a curve over a recorded state says, and say it no better.
+
+    A few numbers of a curve are simpler than one for every road.
+    """
     h, curve = joint.chosen[-1], other.chosen[-1].curve
-    if not {"x", "y"} & set(h.depends_on) or curve is None or other.score >= joint.score:
+    likely = other.score < joint.score + problem.settings.evidence
+    if not {"x", "y"} & set(h.depends_on) or curve is None or not likely:
         return False
     both = refit(problem, now.model, [*other.chosen, h], 1)
     return other.score - both.score < OWN * (now.score - joint.score)
@@ -275,9 +279,10 @@ def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
     if not h.knobs:
         return size.share >= max(material, own) and size.verified >= own
     # Tolerances may say most of a number, so that unseen trips confirm a small part of a large effect; of a
-    # false number they confirm a small part of a small one.  The model's own error is alike in all trucks and
-    # hours: between them it takes nothing away.
-    return size.share >= material and (not h.scope.whole or size.share * size.verified >= own**2)
+    # false number they confirm a small part of a small one.  An error that is alike in all trucks and hours
+    # takes nothing away between them.
+    between = problem.channel.steady and not h.scope.whole
+    return size.share >= material and (between or size.share * size.verified >= own**2)
 
 
 def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> list[Rival]:
