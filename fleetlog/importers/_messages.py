@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
 from fleetlog.importers._times import iso_time
-from fleetlog.importers._wire import Wire, from_json, from_protobuf
+from fleetlog.importers._wire import readers
 from fleetlog.importers.osi import SCHEMAS, vehicles
 
 Decode = Callable[[Any], Sample | list[Sample]]
@@ -39,33 +39,8 @@ def _fix_values(latitude: float, longitude: float, altitude: float) -> dict[str,
     return {"latitude": latitude, "longitude": longitude, "z": altitude}
 
 
-def _navsat(w: Wire) -> Sample:
-    stamp, _ = w.header()
-    (status,), _ = w.take("b"), w.take("H")
-    return Sample(stamp, _fix_values(*w.take("d", 3)), status >= 0)
-
-
 def _pose_values(x: float, y: float, z: float, *quaternion: float) -> dict[str, float]:
     return {"x": x, "y": y, "z": z, "heading": heading_of_quaternion(*quaternion)}
-
-
-def _pose(w: Wire) -> Sample:
-    return Sample(w.header()[0], _pose_values(*w.take("d", 7)))
-
-
-def _odometry(w: Wire) -> Sample:
-    stamp, _ = w.header()
-    w.text()
-    values = _pose_values(*w.take("d", 7))
-    w.take("d", 36)
-    values["speed"] = math.hypot(*w.take("d", 2))
-    return Sample(stamp, values)
-
-
-def _battery(w: Wire) -> Sample:
-    stamp, _ = w.header()
-    voltage, temperature, current, _, _, _, share = w.take("f", 7)
-    return Sample(stamp, _battery_values(voltage, current, temperature, share))
 
 
 def _battery_values(voltage: float, current: float, temperature: float, soc: float) -> dict[str, float]:
@@ -126,31 +101,29 @@ def _osi(schema: str) -> dict[str, Decode]:
     return {"protobuf": lambda d: [s._replace(stamp=max(s.stamp, 1)) for s in vehicles(schema, d)]}
 
 
-def _json(said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
-    return {"json": lambda d: said(from_json(d))}
+def _decoders(name: str, said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
+    def after(read: Callable[[Any], dict[str, Any]]) -> Decode:
+        return lambda data: said(read(data))
 
-
-def _foxglove(name: str, said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
-    return {**_json(said), "protobuf": lambda d: said(from_protobuf(name, d))}
-
-
-def _ros(decode: Callable[[Wire], Sample], said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
-    return {**_json(said), "cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True))}
+    return {encoding: after(read) for encoding, read in readers(name).items()}
 
 
 _FIX = "position, WGS 84"
 _POSE = "position and heading in the site frame, from m and quaternion"
 _BATTERY = "soc, voltage and current of the battery (current > 0 when discharging)"
+_READ: tuple[tuple[str, int, Callable[[dict[str, Any]], Sample], str], ...] = (
+    ("foxglove.LocationFix", 0, _said_fix, _FIX),
+    ("sensor_msgs/NavSatFix", 1, _said_fix, _FIX),
+    ("geometry_msgs/PoseWithCovarianceStamped", 2, _said_pose, _POSE),
+    ("geometry_msgs/PoseStamped", 3, _said_pose, _POSE),
+    ("foxglove.PoseInFrame", 4, _said_pose, _POSE),
+    ("nav_msgs/Odometry", 6, _said_pose, _POSE + ", speed"),
+    ("sensor_msgs/BatteryState", 9, _said_battery, _BATTERY),
+    ("foxglove.Battery", 9, _in_percent, _BATTERY + ", percentage from %"),
+)
 KINDS: dict[str, Kind] = {
-    "foxglove.LocationFix": Kind(0, _foxglove("LocationFix", _said_fix), _FIX),
-    "sensor_msgs/NavSatFix": Kind(1, _ros(_navsat, _said_fix), _FIX),
-    "geometry_msgs/PoseWithCovarianceStamped": Kind(2, _ros(_pose, _said_pose), _POSE),
-    "geometry_msgs/PoseStamped": Kind(3, _ros(_pose, _said_pose), _POSE),
-    "foxglove.PoseInFrame": Kind(4, _foxglove("PoseInFrame", _said_pose), _POSE),
+    **{name: Kind(rank, _decoders(name, said), meaning) for name, rank, said, meaning in _READ},
     **{name: Kind(5, _osi(name), "position, heading and speed of every vehicle") for name in SCHEMAS},
-    "nav_msgs/Odometry": Kind(6, _ros(_odometry, _said_pose), _POSE + ", speed"),
-    "sensor_msgs/BatteryState": Kind(9, _ros(_battery, _said_battery), _BATTERY),
-    "foxglove.Battery": Kind(9, _json(_in_percent), _BATTERY + ", percentage from %"),
 }
 POSITIONS = ("latitude", "longitude", "x", "y", "z")
 

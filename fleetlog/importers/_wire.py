@@ -1,73 +1,22 @@
-"""ROS, JSON and protobuf messages as bytes, read field by field; no schema, no code from the file.
-
-CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is aligned to its own size (in
-XCDR2 at most 4 bytes) from the end of the encapsulation header.  ROS 1 packs without gaps, little endian.
-"""
+"""ROS, JSON and protobuf messages as objects of JSON; no schema and no code is taken from the file."""
 
 import json
 import struct
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable, Iterator
+from functools import cache, partial
 from typing import Any
 
-_SIZES = {"b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4, "d": 8}
 _STAMP: dict[int, Any] = {1: "sec", 2: "nsec"}
 _POINT: dict[int, Any] = {1: "x", 2: "y", 3: "z"}
 _POSE = {1: ("position", _POINT), 2: ("orientation", _POINT | {4: "w"})}
 _LAYOUTS: dict[str, dict[int, Any]] = {
-    "LocationFix": {1: "latitude", 2: "longitude", 3: "altitude", 6: ("timestamp", _STAMP)},
-    "PoseInFrame": {1: ("timestamp", _STAMP), 3: ("pose", _POSE)},
+    "foxglove.LocationFix": {1: "latitude", 2: "longitude", 3: "altitude", 6: ("timestamp", _STAMP)},
+    "foxglove.PoseInFrame": {1: ("timestamp", _STAMP), 3: ("pose", _POSE)},
 }
 """Names of the fields of Foxglove's messages by number, with the layout of those that are messages."""
 
 
-@cache
-def _layout(order: str, kind: str, count: int) -> struct.Struct:
-    return struct.Struct(f"{order}{count}{kind}")
-
-
-class Wire:
-    """A place in one message; methods raise :class:`ValueError` or ``struct.error`` beyond its end."""
-
-    __slots__ = ("_at", "_base", "_data", "_order", "_ros1", "_widest")
-
-    def __init__(self, data: Any, *, ros1: bool = False) -> None:
-        self._data, self._ros1 = data, ros1
-        self._order, self._widest, self._at, self._base = "<", 1, 0, 0
-        if not ros1:
-            if len(data) < 4 or data[0] or data[1] not in (0, 1, 6, 7):
-                raise ValueError("the message is not plain CDR")
-            self._order = "<" if data[1] & 1 else ">"
-            self._widest = 8 if data[1] < 6 else 4
-            self._at = self._base = 4
-
-    def take(self, kind: str, count: int = 1) -> tuple[Any, ...]:
-        """``count`` values of a :mod:`struct` type."""
-        size = _SIZES[kind]
-        step = min(size, self._widest)
-        at = self._at + (self._base - self._at) % step
-        self._at = at + size * count
-        return _layout(self._order, kind, count).unpack_from(self._data, at)
-
-    def text(self) -> str:
-        """A string."""
-        (length,) = self.take("I")
-        if length > len(self._data) - self._at:
-            raise ValueError("a string runs beyond the end of the message")
-        self._at += length
-        return bytes(self._data[self._at - length : self._at]).rstrip(b"\0").decode("utf-8", "replace")
-
-    def header(self) -> tuple[int, str]:
-        """The stamp [us] of a ``std_msgs/Header``, 0 where it was not set, and its frame."""
-        if self._ros1:
-            self.take("I")
-            seconds, nanoseconds = self.take("I", 2)
-        else:
-            (seconds,), (nanoseconds,) = self.take("i"), self.take("I")
-        return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000, self.text()
-
-
-def from_json(data: Any) -> dict[str, Any]:
+def _from_json(data: Any) -> dict[str, Any]:
     """The object that a message is."""
     message = json.loads(str(data, "utf-8"))
     if not isinstance(message, dict):
@@ -75,9 +24,41 @@ def from_json(data: Any) -> dict[str, Any]:
     return message
 
 
-def from_protobuf(name: str, data: Any) -> dict[str, Any]:
-    """One of Foxglove's messages, as it would be in JSON; broken bytes raise."""
-    return _named(_LAYOUTS[name], bytes(data))
+def readers(name: str) -> dict[str, Callable[[Any], dict[str, Any]]]:
+    """What makes of the bytes of a ``name`` the object that it would be in JSON, by encoding.
+
+    CDR is the plain one, in either order of bytes.  Broken bytes raise.
+    """
+    found: dict[str, Callable[[Any], dict[str, Any]]] = {"json": _from_json}
+    if name in _LAYOUTS:
+        found["protobuf"] = lambda data: _named(_LAYOUTS[name], bytes(data))
+    if "/" in name:
+        found["cdr"] = partial(_from_ros, "ROS2_HUMBLE", name)
+        found["ros1"] = partial(_from_ros, "ROS1_NOETIC", name)
+    return found
+
+
+@cache
+def _types(version: str) -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    types, kind = get_typestore(Stores[version]), "tf2_msgs/msg/TFMessage"
+    if kind not in types.fielddefs:  # it is not among ROS 1's own
+        types.register({kind: _types("ROS2_HUMBLE").fielddefs[kind]})
+    return types
+
+
+def _from_ros(version: str, name: str, data: Any) -> dict[str, Any]:
+    types, kind = _types(version), name.replace("/", "/msg/")
+    read = types.deserialize_cdr if version == "ROS2_HUMBLE" else types.deserialize_ros1
+    return {k: _plain(v) for k, v in vars(read(data, kind)).items()}
+
+
+def _plain(value: Any) -> Any:
+    """What JSON would have of a message, but for its arrays."""
+    if isinstance(value, list):
+        return [_plain(part) for part in value]
+    return {k: _plain(v) for k, v in vars(value).items()} if hasattr(value, "__msgtype__") else value
 
 
 def _named(layout: dict[int, Any], data: bytes) -> dict[str, Any]:
