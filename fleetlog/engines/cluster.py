@@ -5,6 +5,7 @@ from typing import Any
 
 from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt
 from fleetlog.errors import DataError, FleetlogError, InputError
+from fleetlog.registry import extra
 
 TIMEOUT = 20  # For the scheduler to answer [s]
 
@@ -13,13 +14,9 @@ class Cluster(Engine):
     """A Dask cluster; its workers have fleetlog installed and see the same files under the same names."""
 
     def __init__(self, address: str) -> None:
+        distributed = extra("distributed", "cluster", "a Dask cluster needs dask.distributed", address)
         try:
-            from distributed import Client
-        except ImportError:
-            what, do = "dask.distributed is not installed", "pip install 'fleetlog[cluster]'"
-            raise InputError(what, where=address, do=do) from None
-        try:
-            self.client: Any = Client(address, timeout=TIMEOUT, set_as_default=False)
+            self.client: Any = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             what = f"no Dask scheduler answers ({error})"
             raise InputError(what, where=address, do="check the address") from None

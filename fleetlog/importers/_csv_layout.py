@@ -6,10 +6,9 @@ from collections import Counter
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_blocks import rows_of
 from fleetlog.importers._fields import Fields, fields_of
-from fleetlog.importers._names import normal
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._report import ReadReport
-from fleetlog.importers._units import KINDS
+from fleetlog.importers._units import KINDS, normal
 
 DELIMITERS = ",;\t|"
 _COMMA = re.compile(r"[+-]?\d*,\d+")

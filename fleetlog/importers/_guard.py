@@ -10,8 +10,8 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.columns import BY_NAME, HIVE_NULL
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import TARGETS
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import EARLIEST, EARLIEST_LOG, LATEST, OFF_TIME
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject

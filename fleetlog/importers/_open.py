@@ -1,10 +1,14 @@
-"""Files as bytes, whether packed or not; a packed file that is cut off or broken gives what is whole."""
+"""Files as bytes, whether packed or not, and the report of what a file turned out to hold.
+
+A packed file that is cut off or broken gives what is whole.
+"""
 
 from __future__ import annotations
 
 import io
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +17,35 @@ import pyarrow as pa
 from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError
-from fleetlog.importers._report import ReadReport
+
+
+@dataclass
+class ReadReport:
+    """Format, recognised columns, notes and damage of one file; an importer fills it while it reads."""
+
+    path: Path
+    format: str = ""
+    recognised: dict[str, str] = field(default_factory=dict)
+    """Column or field of the log -> what it was taken for, as ``"speed, from km/h"``."""
+    notes: list[str] = field(default_factory=list)  # Anything else that was decided and not asked for
+    damage: list[str] = field(default_factory=list)
+    """What is broken or cut off, where, and how much is whole; any entry makes the exit status 3."""
+
+    def note(self, text: str) -> None:
+        """Say something once."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def damaged(self, text: str) -> None:
+        """Report damage once."""
+        if text not in self.damage:
+            self.damage.append(text)
+
+    def nothing(self, what: str, do: str = "check the format") -> FormatError:
+        """The error for a file that gave no row: what it holds, and the first damage that was met."""
+        damage = f"; {self.damage[0]}" if self.damage else ""
+        return FormatError(what + damage, where=self.path, do=do)
+
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer

@@ -12,7 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.importers._names import EPOCH_UNITS
+from fleetlog.importers._units import EPOCH_UNITS
 
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo

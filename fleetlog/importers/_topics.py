@@ -10,8 +10,7 @@ from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError
 from fleetlog.importers._messages import KINDS, POSITIONS, Topic, normal_name
-from fleetlog.importers._open import plain_stem, refuse_packed
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport, plain_stem, refuse_packed
 from fleetlog.importers._rows import BATCH, Rows, Sample
 from fleetlog.importers._transforms import ODOMETRY, Transforms, decoder
 from fleetlog.importers._walk import Walk

@@ -12,8 +12,7 @@ from typing import Any, BinaryIO, ClassVar, NamedTuple
 
 from fleetlog.core.words import count
 from fleetlog.importers._messages import Topic
-from fleetlog.importers._open import Damaged
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import Damaged, ReadReport
 
 DAMAGE_LINES = 10
 FAULTS = (Damaged, struct.error, KeyError, ValueError)  # What broken bytes raise

@@ -18,9 +18,8 @@ from fleetlog.core.arrays import Ints
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError, InputError, nearest
-from fleetlog.importers._open import compression, head_of, plain_stem, plain_suffix
+from fleetlog.importers._open import ReadReport, compression, head_of, plain_stem, plain_suffix
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._report import ReadReport
 from fleetlog.registry import parts
 
 GEOGRAPHIC = ("latitude", "longitude")

@@ -13,8 +13,7 @@ from io import BufferedReader
 from pathlib import Path
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._open import open_bytes, packets
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport, open_bytes, packets
 from fleetlog.importers._rows import Rows, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 

@@ -11,9 +11,8 @@ from fleetlog.errors import FormatError
 from fleetlog.importers._csv_blocks import Block, blocks, cells_of, guess_encoding, rows_of
 from fleetlog.importers._csv_layout import DELIMITERS, find_decimal, find_delimiter, fit_header, lay_out
 from fleetlog.importers._csv_table import TableReader
-from fleetlog.importers._open import head_of
+from fleetlog.importers._open import ReadReport, head_of
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import finite
 from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions

@@ -19,9 +19,8 @@ import numpy as np
 
 from fleetlog.core.words import count
 from fleetlog.importers._fields import Fields, fields_of
-from fleetlog.importers._open import open_bytes
+from fleetlog.importers._open import ReadReport, open_bytes
 from fleetlog.importers._profile import Source
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions
 

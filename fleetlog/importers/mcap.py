@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fleetlog.importers._messages import Topic
-from fleetlog.importers._open import LIMIT, Damaged, unpack
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import LIMIT, Damaged, ReadReport, unpack
 from fleetlog.importers._topics import read_recording
 from fleetlog.importers._walk import Item, Message, Record, Walk
 from fleetlog.importers.base import Importer, holding

@@ -22,6 +22,7 @@ from fleetlog.importers._open import refuse_packed
 from fleetlog.importers._profile import Source
 from fleetlog.importers._times import from_counts, microseconds
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
+from fleetlog.registry import extra
 
 BATCH = 1 << 16
 
@@ -43,17 +44,13 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 
 def _opened(path: Path) -> Any:
-    try:
-        from asammdf import MDF
-    except ImportError:
-        what, do = "reading MF4 needs asammdf", 'install it with: pip install "fleetlog[mf4]"'
-        raise FormatError(what, where=path, do=do) from None
+    asammdf = extra("asammdf", "mf4", "reading MF4 needs asammdf", path, FormatError)
     # Damage is told in one line.  The library would log it too, and what it could not open it cannot close.
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         try:
-            return MDF(path)
+            return asammdf.MDF(path)
         except Exception as error:  # of several kinds, on damaged files
             what = f"cannot be read as MF4 ({type(error).__name__})"
         gc.collect()

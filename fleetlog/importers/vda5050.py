@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog.core.words import count
-from fleetlog.importers._open import open_bytes
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport, open_bytes
 from fleetlog.importers._rows import NAN, Rows, finite, gather
 from fleetlog.importers._times import iso_time
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions

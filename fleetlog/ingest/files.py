@@ -9,8 +9,8 @@ from pathlib import Path
 from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, InputError
 from fleetlog.importers._guard import read_guarded
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, by_name, detect, find
 from fleetlog.ingest.summary import FileSummary
 from fleetlog.listening import notice

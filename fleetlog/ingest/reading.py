@@ -20,8 +20,8 @@ from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import geographic
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.errors import FleetlogError
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import EARLIEST
 from fleetlog.importers.base import LOCAL, RawBatch

@@ -10,7 +10,7 @@ from typing import Any
 
 from fleetlog.core.words import count
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport
 from fleetlog.ingest.derive import suspect_unit
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.store.trips import Columns, contents_of, trips_of
