@@ -11,9 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fleetlog.core.arrays import Floats
-from fleetlog.importers._messages import normal_name, numbers, stamp_of
+from fleetlog.importers._messages import normal_name, numbers, readers, stamp_of
 from fleetlog.importers._rows import Sample
-from fleetlog.importers._wire import readers
 
 KIND = "tf2_msgs/TFMessage"
 BASES = ("base_link", "base_footprint")

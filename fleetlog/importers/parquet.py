@@ -13,12 +13,12 @@ import pyarrow.parquet as pq
 from fleetlog.core.arrays import Floats
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError
-from fleetlog.importers._csv_layout import unique
 from fleetlog.importers._fields import fields_of
 from fleetlog.importers._open import refuse_packed
 from fleetlog.importers._profile import Source
 from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
+from fleetlog.importers.csv import unique
 
 BATCH = 1 << 17
 _FIGURES = (
