@@ -99,9 +99,8 @@ class Truck:
         return float(getattr(getattr(self, section), name))
 
 
-SECTIONS: dict[str, type] = {
-    kind.__name__.lower(): kind for kind in (Chassis, Drive, Resistance, Lift, Auxiliary, Battery)
-}
+_KINDS = (Chassis, Drive, Resistance, Lift, Auxiliary, Battery)
+SECTIONS: dict[str, type] = {kind.__name__.lower(): kind for kind in _KINDS}
 PRESETS = Path(__file__).parents[1] / "physics" / "presets"
 """Folder of the trucks that come with fleetlog; every number's source stands in the file."""
 

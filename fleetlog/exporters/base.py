@@ -114,9 +114,7 @@ class Selection:
 
 def _rows_from(begin: int, part: Path, vehicle: str, columns: Sequence[str]) -> Trajectory:
     """The rows of a file from ``begin`` on for ``WINDOW``; row groups outside are not read."""
-    first, last = (
-        pa.scalar(t, pa.int64()).cast(pa.timestamp("us", tz="UTC")) for t in (begin, begin + WINDOW)
-    )
+    first, last = (pa.scalar(t, pa.timestamp("us", tz="UTC")) for t in (begin, begin + WINDOW))
     inside = [("timestamp", ">=", first), ("timestamp", "<", last)]
     want = [name for name in pq.read_schema(part).names if name in ("timestamp", *columns)]
     return from_arrow(pq.read_table(part, columns=want, filters=inside, partitioning=None), vehicle)
@@ -153,14 +151,8 @@ def export_dataset(
         selection = Selection(source, chosen, output)
         more = known[to].write(selection, scratch) or {}
         size = scratch.stat().st_size
-    return {
-        "format": to,
-        "file": str(output),
-        "vehicles": len(chosen),
-        "bytes": size,
-        **selection.counts,
-        **more,
-    }
+    told = {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size}
+    return {**told, **selection.counts, **more}
 
 
 def write_features(path: Path, head: dict[str, Any], features: Iterable[dict[str, Any]]) -> None:

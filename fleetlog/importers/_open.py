@@ -118,9 +118,8 @@ class Unpacked(io.RawIOBase):
     def readinto(self, buffer: WriteableBuffer, /) -> int:
         """The next bytes; 0 at the end, and at the first damage."""
         view = memoryview(buffer).cast("B")
-        data = (
-            self._file.read(len(view)) if self._unpacked is None else self._piece(min(len(view), self._step))
-        )
+        size = len(view)
+        data = self._file.read(size) if self._unpacked is None else self._piece(min(size, self._step))
         view[: len(data)] = data
         self._given += len(data)
         if self._packing and self._given > min(max(FREE, RATIO * self._size), LARGEST):

@@ -173,12 +173,8 @@ def load_profile(path: str | Path) -> Profile:
 
 def profile_from_dict(data: dict[str, Any], where: str = "profile") -> Profile:
     """A profile of nested sections, checked."""
-    given = table(
-        data,
-        {**_FILE, "time": schema.anything, "columns": schema.anything, "map_frame": schema.anything},
-        where,
-        "",
-    )
+    unread = dict.fromkeys(("time", "columns", "map_frame"), schema.anything)
+    given = table(data, {**_FILE, **unread}, where, "")
     frames = map_frames(given, where)
     given.pop("map_frame", None)
     stamp, columns = given.pop("time", {}), given.pop("columns", {})

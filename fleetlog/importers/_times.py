@@ -145,20 +145,19 @@ def from_iso(cells: pa.Array) -> tuple[Ints, Mask]:
 
 def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, Mask]:
     text = pd.Series(cells.to_pandas(), dtype=object).str.strip()
-    zoned = np.asarray(
-        text.str.contains(r"(?:[zZ]|[+-]\d\d:?\d\d|[+-]\d\d)$", na=False) & text.str.contains(":", na=False)
-    )
     # The date itself ends in -DD; a zone only counts after a time of day.
-    return _epoch(pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)), ~zoned
+    zoned = text.str.contains(r"(?:[zZ]|[+-]\d\d(?::?\d\d)?)$", na=False) & text.str.contains(":", na=False)
+    return _epoch(pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)), ~np.asarray(
+        zoned
+    )
 
 
 def from_format(cells: pa.Array, style: str) -> tuple[Ints, Mask]:
     """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where one does not fit."""
     zoned = "%z" in style or "%Z" in style
     text = pd.Index(cells.to_pandas(), dtype=object)
-    return _epoch(pd.to_datetime(text, format=style, errors="coerce", utc=zoned)), np.full(
-        len(cells), not zoned
-    )
+    time = _epoch(pd.to_datetime(text, format=style, errors="coerce", utc=zoned))
+    return time, np.full(len(cells), not zoned)
 
 
 def microseconds(moment: datetime) -> int:

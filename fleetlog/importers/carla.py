@@ -14,7 +14,7 @@ from pathlib import Path
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import ReadReport, open_bytes, packets
-from fleetlog.importers._rows import Rows, gather
+from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 MAGIC = b"CARLA_RECORDER"
@@ -40,10 +40,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         yield from gather(packets(stream, _PACKET, options.report), log.take, rows)
     if not rows.total:
         raise options.report.nothing("no vehicle's position in it", "record it with vehicles")
-    options.report.recognised |= {
-        "position": "x, y, z from cm, y turned to the left, heading from degrees",
-        "actor": "vehicle_id: type and number",
-    }
+    told = options.report.recognised
+    told["position"] = "x, y, z from cm, y turned to the left, heading from degrees"
+    told["actor"] = "vehicle_id: type and number"
     yield from rows.drain()
 
 
@@ -91,9 +90,7 @@ class _Log:
             if name is None:
                 continue
             values = {"x": x * CENTIMETRE, "y": -y * CENTIMETRE, "z": z * CENTIMETRE}
-            values["heading"] = (
-                math.remainder(-math.radians(yaw), math.tau) if math.isfinite(yaw) else math.nan
-            )
+            values["heading"] = math.remainder(-math.radians(finite(yaw)), math.tau)
             self.rows.add(name, self._time, number, values)
 
 

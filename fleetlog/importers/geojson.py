@@ -96,10 +96,8 @@ class _Reader:
 
     def __init__(self, options: ReadOptions, share: Any) -> None:
         self.options = options
-        self.tables = self._geographic, self._local = (
-            Rows(*GEOGRAPHIC, share=share),
-            Rows(*LOCAL, share=share),
-        )
+        self._geographic, self._local = (Rows(*pair, share=share) for pair in (GEOGRAPHIC, LOCAL))
+        self.tables = self._geographic, self._local
         self.left_out: Counter[str] = Counter()
         self.points = 0
         self._fields: dict[tuple[str, ...], Fields] = {}

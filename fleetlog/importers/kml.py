@@ -30,10 +30,8 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         raise report.nothing(what, "export it with times (gx:Track)")
     if elements.seen["LineString"]:
         report.note(f"{lines} without times left out")
-    report.recognised |= {
-        "gx:coord, coordinates": "position, WGS 84, z from m",
-        "when": "timestamp, ISO 8601",
-    }
+    report.recognised["gx:coord, coordinates"] = "position, WGS 84, z from m"
+    report.recognised["when"] = "timestamp, ISO 8601"
     yield from rows.drain()
 
 

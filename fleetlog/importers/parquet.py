@@ -21,13 +21,8 @@ from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadO
 from fleetlog.importers.csv import unique
 
 BATCH = 1 << 17
-_FIGURES = (
-    pa.types.is_null,
-    pa.types.is_boolean,
-    pa.types.is_decimal,
-    pa.types.is_floating,
-    pa.types.is_integer,
-)
+_OF_FIGURES = ("null", "boolean", "decimal", "floating", "integer")
+_FIGURES = [getattr(pa.types, f"is_{kind}") for kind in _OF_FIGURES]
 GROUP_LIMIT = 1 << 32  # Unpacked bytes of a row group that are believed
 CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
 """Values that a file may state: so many in any file, and so many for each of its bytes."""

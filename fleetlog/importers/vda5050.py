@@ -38,9 +38,7 @@ _FACTS = {
 def sniff(path: Path, head: bytes) -> bool:
     """Whether a JSON line speaks of a serial number, a position or a battery as VDA 5050 does."""
     first = next((line for line in head.splitlines() if b"{" in line), b"")
-    return sum(m in first for m in _MARKS) >= 2 or (
-        b"/state" in first[:200] and any(m in first for m in _MARKS)
-    )
+    return sum(m in first for m in _MARKS) >= (1 if b"/state" in first[:200] else 2)
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:

@@ -92,10 +92,8 @@ def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "lo
     fits = [_fitted(log, roads, *start) for start in _starts(place, heading, roads)]
     fits.sort(key=lambda f: -f.on_roads)
     best = fits[0]
-    others = (
-        f for f in fits[1:] if _apart(best.pose[:2] - f.pose[:2], best.pose[2] - f.pose[2], APART, TURNED)
-    )
-    runner_up = next((f.on_roads for f in others), 0.0)
+    gaps = ((f.on_roads, best.pose - f.pose) for f in fits[1:])
+    runner_up = next((on for on, gap in gaps if _apart(gap[:2], gap[2], APART, TURNED)), 0.0)
     shift_sd, rotation_sd, times = _deviations(log, roads, best)
     _check(best, runner_up, times * shift_sd, times * rotation_sd)
     x, y = (best.pose[:2] - _turned(log.centre[None], best.pose[2])[0]).tolist()

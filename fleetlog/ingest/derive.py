@@ -116,11 +116,9 @@ def _windows(t: Floats) -> tuple[Ints, Ints]:
     two_on = np.minimum(np.searchsorted(t, t + WIDEST, side="right") - 1, rows + 2)
     first = np.minimum.reduce([np.searchsorted(t, t - HALF_WINDOW), two_back, rows - 1])
     last = np.maximum.reduce([np.searchsorted(t, t + HALF_WINDOW, side="right") - 1, two_on, rows + 1])
-    cut = np.flatnonzero(np.diff(t) > MAX_GAP) + 1
-    stretch = np.searchsorted(cut, rows, side="right")
-    return np.maximum(first, np.append(0, cut)[stretch]), np.minimum(
-        last, np.append(cut, len(t))[stretch] - 1
-    )
+    cuts = np.concatenate([[0], np.flatnonzero(np.diff(t) > MAX_GAP) + 1, [len(t)]])
+    stretch = np.searchsorted(cuts, rows, side="right")
+    return np.maximum(first, cuts[stretch - 1]), np.minimum(last, cuts[stretch] - 1)
 
 
 def _slopes(t: Floats, v: Floats, first: Ints, last: Ints) -> tuple[Floats, Floats]:

@@ -154,7 +154,7 @@ def _write(
             own[name] = own.get(name, False) or text
     every = _aligned(slips, plan.site, summary) if align else plan.every
     positioned, driven = (
-        frozenset(v for r in reads for v in getattr(r, n)) for n in ("positioned", "driven")
+        frozenset().union(*(getattr(r, n) for r in reads)) for n in ("positioned", "driven")
     )
     plan = probe(replace(plan, own=own, positioned=positioned, driven=driven, every=every), slips)
     writer.site = plan.site

@@ -139,9 +139,8 @@ class VehicleImport:
         if check and len(rows):
             check_place(rows, site, sample)
         # Of a vehicle without positions there is no row that values of other messages go onto.
-        joined = (
-            derive.join_channels(rows) if rows.vehicle_id in self.plan.positioned else without(rows, CHANNEL)
-        )
+        placed = rows.vehicle_id in self.plan.positioned
+        joined = derive.join_channels(rows) if placed else without(rows, CHANNEL)
         self.out.counts["joined"] += len(rows) - len(joined)
         return joined
 

@@ -157,9 +157,8 @@ def _notes(counts: Counter[str], paces: list[float]) -> list[str]:
     """What a person should know of the sensors."""
     out = []
     if counts["stuck"]:
-        out.append(
-            f"{counts['stuck']:,} values of speed, power or current are unknown: their sensor was stuck"
-        )
+        what = "values of speed, power or current are unknown: their sensor was stuck"
+        out.append(f"{counts['stuck']:,} {what}")
     if counts["held"]:
         where = "placed between the fixes by the distance driven"
         out.append(f"{counts['held']:,} rows repeat a position while the truck moves: {where}")

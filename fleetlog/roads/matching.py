@@ -167,9 +167,8 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Can
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
     emission, roads = np.empty(len(near.edge)), prepared.roads
-    emission_costs(
-        near, *grouping.direction_of(groups, p.sigma), groups.axis, roads.reverse, spread, weight, emission
-    )
+    ahead = grouping.direction_of(groups, p.sigma)
+    emission_costs(near, *ahead, groups.axis, roads.reverse, spread, weight, emission)
     # off the roads costs as much as a road at the edge of what is believable, and never less than 5 sigma
     off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
     costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off)

@@ -31,9 +31,8 @@ if TYPE_CHECKING:
 
 MOST_GEOJSON = 20_000  # Cells beyond which no GeoJSON is written: Parquet is what larger maps are read from
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) / 2.0
-_WKB = np.dtype(
-    [("order", "u1"), ("kind", "<u4"), ("rings", "<u4"), ("points", "<u4"), ("xy", "<f8", (5, 2))]
-)
+_HEAD = [("order", "u1"), ("kind", "<u4"), ("rings", "<u4"), ("points", "<u4")]
+_WKB = np.dtype([*_HEAD, ("xy", "<f8", (5, 2))])
 
 PIXEL_SCALE, TIEPOINT, TRANSFORMATION, KEYS, DOUBLES, NODATA = 33550, 33922, 34264, 34735, 34736, 42113
 

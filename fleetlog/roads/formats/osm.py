@@ -160,9 +160,9 @@ def osm_speed(text: str) -> float:
 
 def _lanelet_map(path: Path) -> RoadMap:
     """The lanelets of a map."""
-    what = "reading Lanelet2 maps needs lanelet2"
-    needed = ("io", "projection", "traffic_rules")
-    io, projection, rules = (extra(f"lanelet2.{n}", "lanelet2", what, error=SiteError) for n in needed)
+    extra("lanelet2", "lanelet2", "reading Lanelet2 maps needs lanelet2", error=SiteError)
+    from lanelet2 import io, projection, traffic_rules
+
     # Any origin does: what is projected here is taken back to degrees.
     projector = projection.MercatorProjector(io.Origin(0.0, 0.0))
     try:
@@ -171,7 +171,7 @@ def _lanelet_map(path: Path) -> RoadMap:
         why = " ".join(str(error).split())[:120]
         raise SiteError(f"cannot be read as a Lanelet2 map ({why})", do="correct the file") from None
     tally = Tally(notes=[" ".join(str(e).split())[:160] for e in list(errors)[:5]])
-    rules = rules.create(rules.Locations.Germany, rules.Participants.Vehicle)
+    rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
     for lanelet in sorted(found.laneletLayer, key=lambda lanelet: lanelet.id):
         if len(lanelet.centerline) < 2 or not rules.canPass(lanelet):
             tally.dropped["not for vehicles" if len(lanelet.centerline) > 1 else "without length"] += 1
