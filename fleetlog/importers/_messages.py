@@ -140,21 +140,6 @@ def normal_name(schema: str) -> str:
     return schema.replace("/msg/", "/")
 
 
-def _fix_values(latitude: float, longitude: float, altitude: float) -> dict[str, float]:
-    return {"latitude": latitude, "longitude": longitude, "z": altitude}
-
-
-def _pose_values(x: float, y: float, z: float, *quaternion: float) -> dict[str, float]:
-    return {"x": x, "y": y, "z": z, "heading": heading_of_quaternion(*quaternion)}
-
-
-def _battery_values(voltage: float, current: float, temperature: float, soc: float) -> dict[str, float]:
-    """ROS counts the current negative while discharging; the contract the other way round."""
-    values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc}
-    values["battery_temperature"] = temperature
-    return {name: value for name, value in values.items() if value == value}
-
-
 def numbers(part: dict[str, Any], *names: str) -> list[float]:
     """The fields of a message called ``names``; NaN for those that it has not."""
     return [finite(part.get(name)) for name in names]
@@ -177,22 +162,26 @@ def stamp_of(message: dict[str, Any]) -> int:
 def _said_fix(m: dict[str, Any]) -> Sample:
     status = m.get("status")
     blind = isinstance(status, dict) and finite(status.get("status")) < 0
-    place = (finite(m.get(name)) for name in ("latitude", "longitude", "altitude"))
-    return Sample(stamp_of(m), _fix_values(*place), not blind)
+    latitude, longitude, z = numbers(m, "latitude", "longitude", "altitude")
+    return Sample(stamp_of(m), {"latitude": latitude, "longitude": longitude, "z": z}, not blind)
 
 
 def _said_pose(m: dict[str, Any]) -> Sample:
     """With covariance, pose and twist lie one level deeper."""
     pose = m["pose"].get("pose", m["pose"])
-    values = _pose_values(*numbers(pose["position"], *"xyz"), *numbers(pose["orientation"], *"xyzw"))
+    values = dict(zip("xyz", numbers(pose["position"], *"xyz"), strict=True))
+    values["heading"] = heading_of_quaternion(*numbers(pose["orientation"], *"xyzw"))
     if isinstance(m.get("twist"), dict):
         values["speed"] = math.hypot(*numbers(m["twist"]["twist"]["linear"], "x", "y"))
     return Sample(stamp_of(m), values)
 
 
 def _said_battery(m: dict[str, Any]) -> Sample:
-    figures = numbers(m, "voltage", "current", "temperature", "percentage")
-    return Sample(stamp_of(m), _battery_values(*figures))
+    """ROS counts the current negative while discharging; the contract the other way round."""
+    voltage, current, warmth, soc = numbers(m, "voltage", "current", "temperature", "percentage")
+    values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc}
+    values["battery_temperature"] = warmth
+    return Sample(stamp_of(m), {name: value for name, value in values.items() if value == value})
 
 
 def _in_percent(m: dict[str, Any]) -> Sample:

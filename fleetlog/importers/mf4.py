@@ -35,7 +35,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         groups = [_Group(measurement, number, options, origin) for number in range(len(measurement.groups))]
         if not any(g.placed for g in groups):
             do = "map its channels to latitude, longitude or x, y with --profile"
-            raise FormatError(f"no group of channels holds a position ({_named(groups)})", where=path, do=do)
+            names = ", ".join([name for group in groups for name in group.names][:20])
+            holds = f"channels: {names}" if names else "it has no channel"
+            raise FormatError(f"no group of channels holds a position ({holds})", where=path, do=do)
         done = 0
         for group in groups:
             for batch in group.batches(done):
@@ -57,11 +59,6 @@ def _opened(path: Path) -> Any:
     finally:
         sys.unraisablehook = hook
     raise FormatError(what, where=path, do="record it again, or repair it with asammdf")
-
-
-def _named(groups: list[_Group]) -> str:
-    names = [n for g in groups for n in g.names]
-    return f"channels: {', '.join(names[:20])}" if names else "it has no channel"
 
 
 class _Group:
