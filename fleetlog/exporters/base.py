@@ -4,8 +4,6 @@ A format is one module of this package that holds ``EXPORTER``, an :class:`Expor
 file that appears under the wanted name when it is whole.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections import Counter
@@ -28,18 +26,6 @@ from fleetlog.store.output import atomic_output
 
 WINDOW, DAY = 600_000_000, 86_400_000_000
 """Stretch of time of which the rows of all vehicles are held at once, and a day [us]."""
-
-
-@dataclass(frozen=True)
-class Exporter:
-    """An export format: its name as ``--to`` takes it, the usual suffix of its files, and what it is."""
-
-    name: str
-    suffix: str
-    meaning: str
-    write: Callable[[Selection, Path], dict[str, Any] | None]
-    """Writes the selection to a path; gives what the summary should say beyond the counts of rows."""
-    network: bool = False  # Whether it writes the road network, not the motion
 
 
 @dataclass
@@ -110,6 +96,18 @@ class Selection:
             do = f"choose one with --vehicle {self.vehicles[0] if self.vehicles else 'ID'}"
             raise DataError(what, where=self.dataset.path, do=do)
         return self.vehicles[0]
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """An export format: its name as ``--to`` takes it, the usual suffix of its files, and what it is."""
+
+    name: str
+    suffix: str
+    meaning: str
+    write: Callable[[Selection, Path], dict[str, Any] | None]
+    """Writes the selection to a path; gives what the summary should say beyond the counts of rows."""
+    network: bool = False  # Whether it writes the road network, not the motion
 
 
 def _rows_from(begin: int, part: Path, vehicle: str, columns: Sequence[str]) -> Trajectory:

@@ -4,8 +4,6 @@ Channels are recognised by name and unit as the columns of a CSV are.  Channels 
 times: a group that holds a position gives rows, any other one values at times of its own.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import sys

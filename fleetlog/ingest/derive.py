@@ -81,9 +81,7 @@ def suspect_unit(ratios: list[float]) -> tuple[str, float] | None:
     return (near[0], ratio) if near else None
 
 
-def fitted_motion(
-    t: Floats, x: Floats, y: Floats, known_speed: Floats | None = None
-) -> tuple[Floats, Floats]:
+def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None) -> tuple[Floats, Floats]:
     """Speed and heading at (N,) times [s] from positions [m]; NaN where there are too few positions.
 
     Least-squares slopes of x and y over time in a window about each row (Savitzky and Golay's first
@@ -99,9 +97,9 @@ def fitted_motion(
     vy, ey = _slopes(t[have], y[have], first, last)
     fast = np.hypot(vx, vy)
     moving = fast > np.maximum(STANDING, 2.0 * np.minimum(np.hypot(ex, ey), 1.0))
-    if known_speed is not None:
+    if logged is not None:
         # A log's own speed knows better whether the truck stands.
-        own = known_speed[have]
+        own = logged[have]
         moving = np.where(np.isnan(own), moving, (own > STANDING) & (fast > STANDING))
     speed[have] = np.minimum(np.where(moving, fast, 0.0), MAX_SPEED)
     speed[have[first == last]] = np.nan

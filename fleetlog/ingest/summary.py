@@ -1,7 +1,5 @@
 """What an import did, as figures and as lines for a person."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -30,7 +28,7 @@ class FileSummary:
     damage: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, report: ReadReport, name: str, rows: int) -> FileSummary:
+    def of(cls, report: ReadReport, name: str, rows: int) -> "FileSummary":
         """A log that was read."""
         return cls(name, report.format, rows, report.recognised, report.notes, report.damage)
 

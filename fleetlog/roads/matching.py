@@ -90,12 +90,10 @@ def match(trajectory: Trajectory, network: Network, parameters: MatchParameters 
     return found
 
 
-def estimate_parameters(
-    trajectory: Trajectory, network: Network, parameters: MatchParameters | None = None
-) -> MatchParameters:
-    """``parameters`` with everything that is NaN estimated from the trajectory, by match and residual."""
+def estimate_parameters(trajectory: Trajectory, network: Network) -> MatchParameters:
+    """Everything that is NaN by default, estimated from the trajectory by match and residual."""
     track, _, _ = grouping.track_of(trajectory)
-    wanted = parameters or MatchParameters()
+    wanted = MatchParameters()
     return _estimated(track, prepare(network), wanted) if len(track.t) else wanted
 
 
@@ -114,7 +112,7 @@ def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> Mat
         guess = _with_reach(guess, wanted)
         groups = grouping.group_track(some, guess.noise, guess.sigma)
         before = guess.sigma
-        guess = replace(guess, **{**_residual_estimates(some, groups, prepared, guess), **fixed})
+        guess = replace(guess, **{**_from_residuals(some, groups, prepared, guess), **fixed})
         if abs(guess.sigma - before) < 0.05 * before:
             break
     return _with_reach(guess, wanted)
@@ -134,9 +132,7 @@ def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
     return float(np.clip(1.4826 * np.median(np.abs(value[1, ptr[:-1][some]])), max(0.3, 0.5 * noise), 20.0))
 
 
-def _residual_estimates(
-    track: Track, groups: Groups, prepared: Prepared, p: MatchParameters
-) -> dict[str, float]:
+def _from_residuals(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> dict[str, float]:
     """sigma, noise, beta and persistence from the residuals of a match with ``p``."""
     near, choice, _ = _decode(groups, prepared, p)
     on = choice.chosen >= 0

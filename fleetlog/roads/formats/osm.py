@@ -26,6 +26,8 @@ from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats.base import KMH, SPEED_UNITS, MapOptions, Reader, RoadMap, Tally, spot
 
 Tags = dict[str, str]
+Spots = dict[str, Floats]
+Way = tuple[str, list[str], Tags]  # Id, nodes and tags
 
 DRIVEN = frozenset({
     "motorway", "motorway_link", "trunk", "trunk_link", "primary", "primary_link", "secondary",
@@ -63,10 +65,8 @@ def _alive(element: Element) -> bool:
     return bool(element.get("visible") != "false" and element.get("action") != "delete")
 
 
-def _ways(
-    root: Element, driven: frozenset[str], spots: dict[str, Floats], tally: Tally
-) -> list[tuple[str, list[str], Tags]]:
-    """Id, nodes and tags of the driven ways."""
+def _ways(root: Element, driven: frozenset[str], spots: Spots, tally: Tally) -> list[Way]:
+    """The driven ways."""
     out, cut = [], 0
     for element in root.iterfind("way"):
         tags = _tags(element)
@@ -96,9 +96,7 @@ def _reason(tags: Tags, driven: frozenset[str]) -> str:
     return "closed to traffic" if closed else ""
 
 
-def _edges(
-    way: str, chain: list[str], tags: Tags, uses: Counter[str], spots: dict[str, Floats]
-) -> list[Edge]:
+def _edges(way: str, chain: list[str], tags: Tags, uses: Counter[str], spots: Spots) -> list[Edge]:
     """The parts of a way between the nodes that it shares, in the directions in which they are driven."""
     implied = "yes" if tags.get("junction") == "roundabout" or tags["highway"] == "motorway" else "no"
     oneway = tags.get("oneway", implied)
