@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.compiling import fast_inner, fast_outer
 from fleetlog.core.arrays import Floats, Index
 from fleetlog.core.network import Network
-from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.decoding import ensure_all
 from fleetlog.roads.kernels.distances import new_store, roomier
 from fleetlog.roads.kernels.records import Candidates, Grid, Groups, Roads, Store, Wide

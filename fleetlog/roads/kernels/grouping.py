@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.compiling import outer
 from fleetlog.core.arrays import Floats, Mask
-from fleetlog.roads.kernels.compiling import outer
 from fleetlog.roads.kernels.records import Track, Wide
 
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.compiling import inner, outer
 from fleetlog.core.arrays import Floats, Index
-from fleetlog.roads.kernels.compiling import inner, outer
 from fleetlog.roads.kernels.distances import path_between
 from fleetlog.roads.kernels.records import Candidates, Choice, Roads, Routes, Store
 
