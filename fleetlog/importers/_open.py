@@ -178,6 +178,17 @@ def packets(stream: io.BufferedReader, head: struct.Struct, report: ReadReport) 
         yield *said, data
 
 
+def cut(data: Any, at: int, head: struct.Struct) -> tuple[Any, int]:
+    """What stands behind its length at a place of a record, and the place after it."""
+    if len(data) - at < head.size:
+        raise Damaged("half a record at its end")
+    (length,) = head.unpack_from(data, at)
+    end = at + head.size + length
+    if end > len(data):
+        raise Damaged("a record runs beyond its end")
+    return data[at + head.size : end], end
+
+
 def refuse_packed(path: Path) -> None:
     """Raise where the whole file is packed: formats that are read by seeking must be unpacked first."""
     packing = compression(path)
