@@ -23,8 +23,7 @@ COLUMNS = ("x", "y", "z", "heading")
 
 def write(selection: Selection, path: Path) -> None:
     """The scenario of the chosen vehicles."""
-    what = "OpenSCENARIO needs the package scenariogeneration"
-    xosc = extra("scenariogeneration.xosc", "scenario", what)
+    xosc = extra("scenariogeneration.xosc", "scenario", "OpenSCENARIO needs the package scenariogeneration")
     motions = _motions(selection)
     begin, end = min(rows[0, 0] for rows in motions.values()), max(rows[-1, 0] for rows in motions.values())
     road_file = str(selection.dataset.site.source.get("network", {}).get("file", ""))

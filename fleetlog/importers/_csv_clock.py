@@ -82,8 +82,7 @@ class Clock:
 
     def _decide(self, cells: pa.Array) -> str:
         """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""
-        known = cells.drop_null()
-        sample = known.slice(0, 1000)
+        sample = cells.drop_null().slice(0, 1000)
         if not len(sample):
             return ""
         figures, _ = numbers(sample)

@@ -120,8 +120,7 @@ class Days:
     def dated(self, of_day: Ints) -> Ints:
         """Times [us] of times of day; ``NONE`` stays."""
         known = of_day != NONE
-        steps = np.diff(of_day[known], prepend=self.last)
-        turns = np.cumsum(steps < -DAY // 2)
+        turns = np.cumsum(np.diff(of_day[known], prepend=self.last) < -DAY // 2)
         out = of_day.copy()
         out[known] += self.first + turns * DAY
         if len(turns):
@@ -138,8 +137,7 @@ def from_iso(cells: pa.Array) -> tuple[Ints, Mask]:
             continue
         # Times before 1970 round down like the others.
         micro = np.asarray(time.cast(pa.int64()).fill_null(0).to_numpy()) // 1000
-        null = np.asarray(cells.is_null())
-        return np.where(null, NONE, micro), np.full(len(cells), bare)
+        return np.where(np.asarray(cells.is_null()), NONE, micro), np.full(len(cells), bare)
     return _iso_one_by_one(cells)
 
 

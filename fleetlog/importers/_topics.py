@@ -194,8 +194,7 @@ def read_recording(
             walk.channels = scan.channels
             if not scan.channels and scan.report.damage:
                 raise scan.report.nothing("nothing in it is whole", "record it again")
-        topics = walk.channels.values()
-        roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
+        roles = plan(walk.channels.values(), path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)
         for channel, time, data in walk.messages():
             decoder.feed(channel.name, time, data)

@@ -111,8 +111,7 @@ class _Reader:
         if kind == "Point":
             self._point(coordinates, properties, number)
         elif kind in ("LineString", "MultiLineString") and isinstance(coordinates, list):
-            lines = [coordinates] if kind == "LineString" else coordinates
-            self._lines(lines, properties, number)
+            self._lines([coordinates] if kind == "LineString" else coordinates, properties, number)
         else:
             self.left_out[kind] += 1
 

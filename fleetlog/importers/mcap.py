@@ -124,8 +124,7 @@ def unpack_chunk(body: memoryview) -> bytes:
     _, _, size, crc = _CHUNK.unpack_from(body)
     packing, at = _text(body, _CHUNK.size)
     (length,) = struct.unpack_from("<Q", body, at)
-    packed = bytes(body[at + 8 : at + 8 + length])
-    data = unpack(packing, packed, size)
+    data = unpack(packing, bytes(body[at + 8 : at + 8 + length]), size)
     if crc and zlib.crc32(data) != crc:
         raise Damaged("its checksum is wrong")
     return data

@@ -112,8 +112,7 @@ class _Reader:
             rows = shown.take([n - first for n in numbers]).to_pylist()
             return [" ".join(f"{name}={value}" for name, value in row.items()) for row in rows]
 
-        record = np.arange(first, self.done + 1)
-        return self.rows.batch(table, record, texts, [], self.done / self.total)
+        return self.rows.batch(table, np.arange(first, self.done + 1), texts, [], self.done / self.total)
 
 
 def _is_time(kind: Any) -> bool:

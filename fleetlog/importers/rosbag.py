@@ -58,8 +58,7 @@ class BagWalk(Walk):
     def _next(self) -> Record:
         self.stream.seek(self.at)
         header = _header(self._block())
-        data = self._block()
-        return Record(_kind(header), header, data, self.stream.tell())
+        return Record(_kind(header), header, self._block(), self.stream.tell())
 
     def _block(self) -> bytes:
         head = self.stream.read(4)

@@ -64,8 +64,7 @@ class _Reader:
         self.batteries = Rows(share=share)
         self.others: Counter[str] = Counter()
         self.versions: Counter[str] = Counter()
-        self.facts: dict[str, str] = {}
-        """What the factsheet of each vehicle says."""
+        self.facts: dict[str, str] = {}  # What the factsheet of each vehicle says
         self.connections: Counter[str] = Counter()
         self._vehicle = vehicle
         self._payload: dict[str, float] = {}

@@ -107,8 +107,7 @@ def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "lo
     }  # fmt: skip
     pose = f"rotation {np.degrees(frame.rotation):.2f} deg, shift ({x:.2f}, {y:.2f}) m"
     fit = f"median residual {best.residual:.2f} m, {percent(best.on_roads)} on roads"
-    line = f"aligned: {pose}; {fit} (next best {percent(runner_up)})"
-    return Alignment(frame, summary, line)
+    return Alignment(frame, summary, f"aligned: {pose}; {fit} (next best {percent(runner_up)})")
 
 
 def _check(best: _Fit, runner_up: float, shift: float, rotation: float) -> None:

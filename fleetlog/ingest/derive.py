@@ -200,8 +200,7 @@ def release_held(rows: Trajectory) -> Trajectory:
 
 def fill_positions(rows: Trajectory) -> Trajectory:
     """x, y and z of rows between two fixes not too far apart; beyond that they stay unknown."""
-    x = rows.floats("x")
-    known = np.isfinite(x) & np.isfinite(rows.floats("y"))
+    known = np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y"))
     if known.all() or known.sum() < 2:
         return rows
     fraction, before, after = _between(rows, np.flatnonzero(known))

@@ -163,8 +163,7 @@ def _write(
     complete(summary, outcomes)
     check_matched(summary.matched, summary.rows, plan.site)
     every_reject = [*(r.rejects for r in reads), *(o.rejects for o in outcomes)]
-    older = None if writer.old is None else writer.old.path / NAME
-    rejects = gather(every_reject, writer.path, older)
+    rejects = gather(every_reject, writer.path, None if writer.old is None else writer.old.path / NAME)
     summary.rejected, summary.rejected_values = dict(rejects.rows), dict(rejects.values)
     summary.rejected_file = NAME if rejects.file else None
     if not summary.rows:

@@ -25,8 +25,7 @@ class Capture:
     def __init__(self, topic: str, out: IO[str], most: int | None) -> None:
         self.topic, self.out, self.most = topic, out, most
         self.messages = 0
-        self.reconnects = 0
-        """After the first connection."""
+        self.reconnects = 0  # After the first connection
         self.answered, self.done = threading.Event(), threading.Event()
         self.refused = ""
         self.failure: OSError | None = None

@@ -110,8 +110,7 @@ class Spill:
     def __init__(self, folder: Path, name: str) -> None:
         self.folder, self.name = folder, name
         self.slips: list[Slip] = []
-        self.own: dict[str, bool] = {}
-        """The log's own columns, and whether each is text."""
+        self.own: dict[str, bool] = {}  # The log's own columns, and whether each is text
         self.rows = 0
         self._waiting: dict[str, list[Trajectory]] = defaultdict(list)
         self._bytes = 0
@@ -133,8 +132,7 @@ class Spill:
             rows = join(waiting)
             path = self.folder / f"{self.name}-{len(self.slips)}.arrow"
             _save(rows, path)
-            first, last = int(rows.time.min()), int(rows.time.max())
-            self.slips.append(Slip(vehicle, path, first, last, len(rows)))
+            self.slips.append(Slip(vehicle, path, int(rows.time.min()), int(rows.time.max()), len(rows)))
         self._waiting.clear()
         self._bytes = 0
         return self.slips

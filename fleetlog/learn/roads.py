@@ -26,8 +26,7 @@ LONGEST, SLACK = 3.0, 20.0  # a way between rows is no longer than 3 times the s
 STEADY = 0.3  # a truck slower than this stands or manoeuvres [m/s]
 
 
-Visit = tuple[int, float, float, int]
-"""An edge, from and to [m] on it, and the first row."""
+Visit = tuple[int, float, float, int]  # An edge, from and to [m] on it, and the first row
 
 
 @dataclass

@@ -138,8 +138,7 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     by_position = np.sqrt(np.maximum(chord**2 - blur, 0.0))
     moved = np.where(np.isfinite(np.diff(s)), np.diff(s), by_position)
     # a heading may point against the motion, so only its axis counts
-    axis = np.vstack([c2, s2])
-    return Groups(first, t, x, y, np.append(moved, 0.0), axis, still, track.chain[first[:-1]])
+    return Groups(first, t, x, y, np.append(moved, 0.0), np.vstack([c2, s2]), still, track.chain[first[:-1]])
 
 
 def _means(track: Track, first: Ints, travelled: Floats) -> tuple[Floats, ...]:
@@ -165,5 +164,4 @@ def _travelled(track: Track) -> Floats:
     if known.mean() < 0.9:
         return np.full(len(track.t), np.nan)
     v = np.interp(track.t, track.t[known], track.speed[known])
-    steps = 0.5 * (v[1:] + v[:-1]) * np.diff(track.t)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.t))])

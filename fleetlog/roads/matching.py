@@ -171,8 +171,7 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Can
     count = len(groups.t)
     choice = Choice(np.full(count, -1), np.zeros(len(near.edge)), np.zeros(count), np.zeros(count, np.bool_))
     prepared.reach(near, groups, costs.beta)
-    room = scratch(near, len(roads.length))
-    decode(prepared.store, roads, near, emission, groups, costs, choice, room)
+    decode(prepared.store, roads, near, emission, groups, costs, choice, scratch(near, len(roads.length)))
     return near, choice, costs.back
 
 

@@ -142,8 +142,7 @@ _SHAPES: dict[str, Callable[[Element, float], geo.Curve]] = {
 
 
 def _cubics(elements: Iterable[Element], key: str = "s", add: float = 0.0) -> geo.Cubics:
-    rows = sorted(_floats(e, key, *"abcd") for e in elements)
-    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    table = np.array(sorted(_floats(e, key, *"abcd") for e in elements), dtype=np.float64).reshape(-1, 5)
     return geo.Cubics(table[:, 0] + add, table[:, 1:])
 
 
