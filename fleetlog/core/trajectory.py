@@ -119,6 +119,11 @@ class Trajectory:
         """A copy with columns added or replaced."""
         return Trajectory(self.vehicle_id, self.time, {**self.columns, **new})
 
+    def without(self, *names: str) -> Trajectory:
+        """A copy without some columns."""
+        kept = {name: values for name, values in self.columns.items() if name not in names}
+        return Trajectory(self.vehicle_id, self.time, kept)
+
     def to_pandas(self) -> pd.DataFrame:
         """The rows as a DataFrame: ``vehicle_id``, ``timestamp`` (UTC), then every known column."""
         known = [n for n in cols.NAMES if n in self.columns or n in ("vehicle_id", "timestamp")]

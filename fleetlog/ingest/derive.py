@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.trajectory import Labels, Trajectory
-from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, set_unknown, without
+from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, set_unknown
 
 REACH = 3.0  # A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]
 MAX_REACH = 30.0
@@ -159,7 +159,7 @@ def join_channels(rows: Trajectory) -> Trajectory:
         if known.any() and len(base):
             own = np.where(np.isfinite(own), own, interpolated(at, t[known], values[known]))
         base = base.with_columns(**{name: own})
-    return without(base, CHANNEL)
+    return base.without(CHANNEL)
 
 
 def interpolated(at: Floats, t: Floats, values: Floats) -> Floats:

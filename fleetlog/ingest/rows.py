@@ -58,11 +58,6 @@ def set_unknown(rows: Trajectory, where: Mask, *names: str) -> Trajectory:
     return rows.with_columns(**{name: np.where(where, np.nan, rows.floats(name)) for name in names})
 
 
-def without(rows: Trajectory, *names: str) -> Trajectory:
-    """A copy without some columns."""
-    return Trajectory(rows.vehicle_id, rows.time, {k: v for k, v in rows.columns.items() if k not in names})
-
-
 def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
     """Rows as they are written: with every own column of the logs, without those of the import.
 
@@ -76,7 +71,7 @@ def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
             new[name] = _as_labels(values, len(rows))
         elif values is None:
             new[name] = np.full(len(rows), np.nan)
-    return without(rows, *INTERNAL).with_columns(**new)
+    return rows.without(*INTERNAL).with_columns(**new)
 
 
 def picture(rows: Trajectory, row: int) -> str:

@@ -18,17 +18,7 @@ from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import (
-    CHANNEL,
-    HELD,
-    STUCK,
-    WINDOW_ROWS,
-    Slip,
-    join,
-    windows,
-    with_own_columns,
-    without,
-)  # fmt: skip
+from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Slip, join, windows, with_own_columns
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
@@ -140,7 +130,7 @@ class VehicleImport:
             check_place(rows, site, sample)
         # Of a vehicle without positions there is no row that values of other messages go onto.
         placed = rows.vehicle_id in self.plan.positioned
-        joined = derive.join_channels(rows) if placed else without(rows, CHANNEL)
+        joined = derive.join_channels(rows) if placed else rows.without(CHANNEL)
         self.out.counts["joined"] += len(rows) - len(joined)
         return joined
 
