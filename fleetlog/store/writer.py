@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -151,8 +152,6 @@ class DatasetWriter:
 
     def finish(self) -> None:
         """Write trips, site and description; :meth:`create` calls it."""
-        import pandas as pd
-
         trips, (rows, start, end), site = trips_of(self.pieces), contents_of(self.pieces), self.site
         trips, columns = trips[trips.trip_id >= 0], {"vehicle_id": "", **self.columns}
         if self.old is not None:
