@@ -3,14 +3,12 @@
 A packed file that is cut off or broken gives what is whole.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow as pa
 
@@ -46,9 +44,6 @@ class ReadReport:
         damage = f"; {self.damage[0]}" if self.damage else ""
         return FormatError(what + damage, where=self.path, do=do)
 
-
-if TYPE_CHECKING:
-    from _typeshed import WriteableBuffer
 
 HEAD = 1 << 16
 RATIO = 250
@@ -115,7 +110,7 @@ class Unpacked(io.RawIOBase):
         """True."""
         return True
 
-    def readinto(self, buffer: WriteableBuffer, /) -> int:
+    def readinto(self, buffer: Any, /) -> int:
         """The next bytes; 0 at the end, and at the first damage."""
         view = memoryview(buffer).cast("B")
         size = len(view)

@@ -1,10 +1,9 @@
 """Times of logs as microseconds since 1970 UTC: ISO 8601, counts, formats, local times."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pandas as pd
@@ -13,9 +12,6 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.importers._units import EPOCH_UNITS
-
-if TYPE_CHECKING:
-    from zoneinfo import ZoneInfo
 
 NONE = np.iinfo(np.int64).min  # A time that could not be read
 MISSING = "the time is missing"
