@@ -5,6 +5,7 @@ into it, and not at the records that it takes, whose old names it would fail to 
 """
 
 import hashlib
+import re
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -34,6 +35,20 @@ def kernel(**options: Any) -> Callable[[F], F]:
 @lru_cache
 def stamp(package: Path) -> str:
     """Return what changes with any file of kernels below a folder."""
-    files = sorted(p for p in package.rglob("*.py") if "kernels" in f"{p.parent.name} {p.stem}")
+    files = sorted(
+        p for p in package.rglob("*.py") if re.search("kernels|compiling", f"{p.parent.name} {p.stem}")
+    )
     seen = [f"{p.relative_to(package)} {p.stat().st_mtime_ns} {p.stat().st_size}" for p in files]
     return hashlib.sha256("\n".join(seen).encode()).hexdigest()[:16]
+
+
+# The kernels of the matcher and of simulated traffic allocate nothing: whoever calls them brings the arrays.
+# So neither numba's support for arrays that kernels make themselves nor counts of references are compiled,
+# which would take as long again; and ``inner`` kernels, which other kernels alone call, have no entrance from
+# Python, which would unpack all those arrays.
+_OPTIONS: dict[str, Any] = {"_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True}
+
+outer = kernel(**_OPTIONS)
+inner = kernel(**_OPTIONS, no_cpython_wrapper=True)
+fast_outer = kernel(**_OPTIONS, fastmath=True)
+fast_inner = kernel(**_OPTIONS, fastmath=True, no_cpython_wrapper=True)

@@ -54,6 +54,14 @@ def added(package: str) -> list[str]:
     return [e.name for e in _entries(package)]
 
 
+def extra(module: str, name: str, what: str, where: Any = None, error: type = InputError) -> Any:
+    """The module of the extra ``name``; where it is missing, an ``error`` says ``what`` it is needed for."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise error(what, where=where, do=f'install it with: pip install "fleetlog[{name}]"') from None
+
+
 def _load(entry: EntryPoint) -> Any:
     """The object of an entry point; one that cannot be loaded is an error that names its distribution."""
     try:

@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from fleetlog.physics.power import Physics
     from fleetlog.store import Dataset
 else:
-    Answer = DataFrame = Dataset = Network = Physics = Site = Truck = (
-        Any  # nothing heavy is imported for them
-    )
+    # Nothing heavy is imported for them.
+    Answer = DataFrame = Dataset = Network = Physics = Site = Truck = Any
 
 PathLike: TypeAlias = Annotated[str | os.PathLike[str], Named("PATH", path=True)]
 TableLike: TypeAlias = Annotated[PathLike | DataFrame, Named("FILE", path=True)]

@@ -11,8 +11,7 @@ from io import StringIO, TextIOWrapper
 import click
 
 from fleetlog import __version__, interrupt
-from fleetlog.cli.commands import Listed, load_verb, verb_lines
-from fleetlog.cli.tell import notice
+from fleetlog.cli.commands import Listed, load_verb, notice, verb_lines
 from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
 
 cli = Listed(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fleetlog.core.arrays import Floats
-from fleetlog.core.schema import Keys, Wrong, list_of, real, table, text
+from fleetlog.core.schema import Errors, Keys, Wrong, list_of, real, table, text
 from fleetlog.core.site import Frame, MapFrame
 from fleetlog.errors import InputError
 
@@ -59,9 +59,7 @@ MAP_FRAME: Keys = {
 }  # fmt: skip
 
 
-def map_frames(
-    data: dict[str, Any], where: Path | str, error: type[InputError] = InputError
-) -> tuple[MapFrame, ...]:
+def map_frames(data: dict[str, Any], where: Path | str, error: Errors = InputError) -> tuple[MapFrame, ...]:
     """All [[map_frame]] tables."""
     raw = data.get("map_frame", [])
     if not isinstance(raw, list):

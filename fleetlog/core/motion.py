@@ -1,7 +1,5 @@
 """The arrays that a physics term sees."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -37,15 +35,15 @@ class Motion:
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, index: Any) -> Motion:
+    def __getitem__(self, index: Any) -> "Motion":
         return Motion(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
-    def replaced(self, **arrays: Any) -> Motion:
+    def replaced(self, **arrays: Any) -> "Motion":
         """A copy with some arrays exchanged."""
         return replace(self, **arrays)
 
     @classmethod
-    def of(cls, n: int, **arrays: Any) -> Motion:
+    def of(cls, n: int, **arrays: Any) -> "Motion":
         """``n`` samples with the given arrays or scalars; else at rest, level, unloaded, a second apart."""
         base: dict[str, Any] = {f.name: np.zeros(n) for f in fields(cls)}
         base.update(time=np.arange(n, dtype=float), dt=np.ones(n), edge=np.full(n, -1, np.int32))

@@ -203,9 +203,8 @@ def build_network(
     has_elevation : by default whether any height differs from another.
     """
     if not edges:
-        raise SiteError(
-            "the map has no drivable road", do="check the lane types or road classes that are kept"
-        )
+        do = "check the lane types or road classes that are kept"
+        raise SiteError("the map has no drivable road", do=do)
     index = {e.id: i for i, e in enumerate(edges)}
     if len(index) != len(edges):
         twice, _ = Counter(e.id for e in edges).most_common(1)[0]

@@ -195,22 +195,16 @@ def site_from_dict(data: dict[str, Any]) -> Site:
             turns += [(item["id"], follow) for follow in item.pop("next")]
             edges.append(Edge(start=item.pop("from"), end=item.pop("to"), **item))
         network = build_network(edges, turns=turns, has_elevation=drawn["has_elevation"])
-    return Site(
-        data["name"],
-        Frame(**data["frame"]) if data.get("frame") else None,
-        network,
-        data.get("traffic", "right"),
-        tuple(Place(**_known(p)) for p in data.get("place", ())),
-        tuple(Zone(**_known(z)) for z in data.get("zone", ())),
-        tuple(Building(**_known(b)) for b in data.get("building", ())),
-        tuple(MapFrame(**{**f, "shift": tuple(f["shift"])}) for f in data.get("map_frame", ())),
-        tuple((a, b) for a, b in data.get("break", ())),
-        data.get("power", {}).get("limit", float("inf")),
-        data.get("source", {}),
-    )
+    kinds = {"place": Place, "zone": Zone, "building": Building, "map_frame": MapFrame}
+    more: dict[str, Any] = {"source": data.get("source", {}), "traffic": data.get("traffic", "right")}
+    for name, kind in kinds.items():
+        more[f"{name}s"] = tuple(kind(**_known(row)) for row in data.get(name, ()))
+    more["breaks"] = tuple((a, b) for a, b in data.get("break", ()))
+    more["power_limit"] = data.get("power", {}).get("limit", float("inf"))
+    return Site(data["name"], Frame(**data["frame"]) if data.get("frame") else None, network, **more)
 
 
 def _known(item: dict[str, Any]) -> dict[str, Any]:
     """The known values of a place, zone, building or edge; points as an array."""
-    known = {k: v for k, v in item.items() if v is not None}
+    known = {k: tuple(v) if k == "shift" else v for k, v in item.items() if v is not None}
     return known | {k: np.asarray(known[k], float) for k in ("polygon", "points") if k in known}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fleetlog.core import columns as cols
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.errors import DataError
+from fleetlog.registry import extra
 
 if TYPE_CHECKING:
     import geopandas as gpd
@@ -118,6 +119,11 @@ class Trajectory:
         """A copy with columns added or replaced."""
         return Trajectory(self.vehicle_id, self.time, {**self.columns, **new})
 
+    def without(self, *names: str) -> Trajectory:
+        """A copy without some columns."""
+        kept = {name: values for name, values in self.columns.items() if name not in names}
+        return Trajectory(self.vehicle_id, self.time, kept)
+
     def to_pandas(self) -> pd.DataFrame:
         """The rows as a DataFrame: ``vehicle_id``, ``timestamp`` (UTC), then every known column."""
         known = [n for n in cols.NAMES if n in self.columns or n in ("vehicle_id", "timestamp")]
@@ -127,15 +133,12 @@ class Trajectory:
 
     def to_geopandas(self, frame: Frame | None = None) -> gpd.GeoDataFrame:
         """The rows as points: WGS 84 where ``frame`` (a site's) is given, else metres without a system."""
-        try:
-            import geopandas as gpd
-        except ImportError:
-            raise DataError("geopandas is not installed", do="pip install 'fleetlog[geo]'") from None
+        geopandas = extra("geopandas", "geo", "a GeoDataFrame needs geopandas")
         x, y = self.floats("x"), self.floats("y")
         system = None if frame is None else "EPSG:4326"
         if frame is not None:
             y, x = frame.to_geographic(x, y)
-        return gpd.GeoDataFrame(self.to_pandas(), geometry=gpd.points_from_xy(x, y, crs=system))
+        return geopandas.GeoDataFrame(self.to_pandas(), geometry=geopandas.points_from_xy(x, y, crs=system))
 
     def check(self) -> None:
         """Raise :class:`DataError` unless lengths agree and time increases strictly."""

@@ -1,7 +1,5 @@
 """A truck: what the nominal model needs to know of a vehicle type; every key but mass has a default."""
 
-from __future__ import annotations
-
 from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -85,10 +83,10 @@ class Truck:
     lift: Lift = Lift()
     auxiliary: Auxiliary = Auxiliary()
     battery: Battery = Battery()
-    others: tuple[tuple[Truck, int], ...] = ()
+    others: tuple[tuple["Truck", int], ...] = ()
     """Trucks of other types that are simulated beside it, and how many of each."""
 
-    def with_value(self, key: str, value: float) -> Truck:
+    def with_value(self, key: str, value: float) -> "Truck":
         """A copy with one dotted key changed, as ``drive.efficiency``."""
         section, name = key.split(".")
         return replace(self, **{section: replace(getattr(self, section), **{name: value})})
@@ -99,9 +97,8 @@ class Truck:
         return float(getattr(getattr(self, section), name))
 
 
-SECTIONS: dict[str, type] = {
-    kind.__name__.lower(): kind for kind in (Chassis, Drive, Resistance, Lift, Auxiliary, Battery)
-}
+_KINDS = (Chassis, Drive, Resistance, Lift, Auxiliary, Battery)
+SECTIONS: dict[str, type] = {kind.__name__.lower(): kind for kind in _KINDS}
 PRESETS = Path(__file__).parents[1] / "physics" / "presets"
 """Folder of the trucks that come with fleetlog; every number's source stands in the file."""
 

@@ -4,8 +4,6 @@ A format is one module of this package that holds ``EXPORTER``, an :class:`Expor
 file that appears under the wanted name when it is whole.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections import Counter
@@ -28,18 +26,6 @@ from fleetlog.store.output import atomic_output
 
 WINDOW, DAY = 600_000_000, 86_400_000_000
 """Stretch of time of which the rows of all vehicles are held at once, and a day [us]."""
-
-
-@dataclass(frozen=True)
-class Exporter:
-    """An export format: its name as ``--to`` takes it, the usual suffix of its files, and what it is."""
-
-    name: str
-    suffix: str
-    meaning: str
-    write: Callable[[Selection, Path], dict[str, Any] | None]
-    """Writes the selection to a path; gives what the summary should say beyond the counts of rows."""
-    network: bool = False  # Whether it writes the road network, not the motion
 
 
 @dataclass
@@ -112,11 +98,21 @@ class Selection:
         return self.vehicles[0]
 
 
+@dataclass(frozen=True)
+class Exporter:
+    """An export format: its name as ``--to`` takes it, the usual suffix of its files, and what it is."""
+
+    name: str
+    suffix: str
+    meaning: str
+    write: Callable[[Selection, Path], dict[str, Any] | None]
+    """Writes the selection to a path; gives what the summary should say beyond the counts of rows."""
+    network: bool = False  # Whether it writes the road network, not the motion
+
+
 def _rows_from(begin: int, part: Path, vehicle: str, columns: Sequence[str]) -> Trajectory:
     """The rows of a file from ``begin`` on for ``WINDOW``; row groups outside are not read."""
-    first, last = (
-        pa.scalar(t, pa.int64()).cast(pa.timestamp("us", tz="UTC")) for t in (begin, begin + WINDOW)
-    )
+    first, last = (pa.scalar(t, pa.timestamp("us", tz="UTC")) for t in (begin, begin + WINDOW))
     inside = [("timestamp", ">=", first), ("timestamp", "<", last)]
     want = [name for name in pq.read_schema(part).names if name in ("timestamp", *columns)]
     return from_arrow(pq.read_table(part, columns=want, filters=inside, partitioning=None), vehicle)
@@ -153,14 +149,8 @@ def export_dataset(
         selection = Selection(source, chosen, output)
         more = known[to].write(selection, scratch) or {}
         size = scratch.stat().st_size
-    return {
-        "format": to,
-        "file": str(output),
-        "vehicles": len(chosen),
-        "bytes": size,
-        **selection.counts,
-        **more,
-    }
+    told = {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size}
+    return {**told, **selection.counts, **more}
 
 
 def write_features(path: Path, head: dict[str, Any], features: Iterable[dict[str, Any]]) -> None:

@@ -53,9 +53,8 @@ def write(selection: Selection, path: Path) -> None:
             return int(writer.register_channel(topic, "json", schema(kind)))
 
         for t in selection.days():
-            for kind, time, content in chain(
-                _places(selection.placed(t), selection.dataset.site.frame), _batteries(t)
-            ):
+            places = _places(selection.placed(t), selection.dataset.site.frame)
+            for kind, time, content in chain(places, _batteries(t)):
                 stamp = {"sec": time // 1_000_000, "nsec": time % 1_000_000 * 1000}
                 data = json.dumps({"timestamp": stamp, **content}, allow_nan=False).encode()
                 writer.add_message(channel(t.vehicle_id, kind), time * 1000, data, time * 1000)

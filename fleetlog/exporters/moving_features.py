@@ -49,6 +49,5 @@ def _feature(t: Trajectory, xyz: list[Floats]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-EXPORTER = Exporter(
-    "moving-features", ".mfjson", "OGC Moving Features JSON, a feature a vehicle and day", write
-)
+MEANING = "OGC Moving Features JSON, a feature a vehicle and day"
+EXPORTER = Exporter("moving-features", ".mfjson", MEANING, write)

@@ -22,14 +22,10 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     site = selection.dataset.site
     lanes = lanes_of(site)
     number = {name: k for k, name in enumerate(lanes.points)}
-    vertices = [
-        [round(float(xyz[0]), 4), round(float(xyz[1]), 4), _said(lanes.stops.get(name))]
-        for name, xyz in lanes.points.items()
-    ]
-    rows = [
-        [number[a.start], number[a.end], {} if math.isnan(a.limit) else {"speed_limit": a.limit}]
-        for a in lanes.lanes
-    ]
+    places = ((lanes.stops.get(name), xyz[:2].round(4)) for name, xyz in lanes.points.items())
+    vertices = [[*xy.tolist(), _said(place)] for place, xy in places]
+    limits = ({} if math.isnan(a.limit) else {"speed_limit": a.limit} for a in lanes.lanes)
+    rows = [[number[a.start], number[a.end], said] for a, said in zip(lanes.lanes, limits, strict=True)]
     graph = {"building_name": site.name, "levels": {LEVEL: {"lanes": rows, "vertices": vertices}}}
     with path.open("w", encoding="utf-8") as out:
         YAML(typ="safe", pure=True).dump(graph, out)

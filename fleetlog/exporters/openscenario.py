@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.arrays import Floats
-from fleetlog.errors import DataError, InputError
+from fleetlog.errors import DataError
 from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.registry import extra
 
 LENGTH, WIDTH, HEIGHT = 3.0, 1.2, 2.2
 """Of the box that stands for a truck, whose size a dataset does not tell [m]."""
@@ -22,11 +23,7 @@ COLUMNS = ("x", "y", "z", "heading")
 
 def write(selection: Selection, path: Path) -> None:
     """The scenario of the chosen vehicles."""
-    try:
-        from scenariogeneration import xosc
-    except ImportError:
-        what = "OpenSCENARIO needs the package scenariogeneration"
-        raise InputError(what, do="install it with: pip install 'fleetlog[scenario]'") from None
+    xosc = extra("scenariogeneration.xosc", "scenario", "OpenSCENARIO needs the package scenariogeneration")
     motions = _motions(selection)
     begin, end = min(rows[0, 0] for rows in motions.values()), max(rows[-1, 0] for rows in motions.values())
     road_file = str(selection.dataset.site.source.get("network", {}).get("file", ""))

@@ -18,11 +18,8 @@ from fleetlog.exporters.base import Exporter, Selection
 MILLI = 1000.0
 DEFAULT_SPEED = 1.0  # Speed of a path whose limit the map does not give [m/s]: that of the model editor
 OPERATIONS = {"pick": "Load", "drop": "Unload", "park": "Park", "charge": "Charge"}
-BOX = {
-    **dict.fromkeys(("length", "width", "height"), "1000"),
-    "referenceOffsetX": "500",
-    "referenceOffsetY": "500",
-}
+BOX = dict.fromkeys(("length", "width", "height"), "1000")
+BOX |= {"referenceOffsetX": "500", "referenceOffsetY": "500"}
 """Of a vehicle that may stand at a point [mm]: the model editor's."""
 
 

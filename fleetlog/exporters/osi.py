@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.errors import DataError
 from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.registry import extra
 from fleetlog.version import __version__
 
 VERSION = (3, 7, 0)  # Of the interface: the fields that are written mean the same in all of version 3
@@ -21,17 +21,13 @@ COLUMNS = ("x", "y", "z", "heading", "speed")
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Moment by moment."""
-    try:
-        from osi3.osi_groundtruth_pb2 import GroundTruth
-    except ImportError:
-        do = 'install it with: pip install "fleetlog[osi]"'
-        raise DataError("writing OSI needs osi-python", do=do) from None
+    kind = extra("osi3.osi_groundtruth_pb2", "osi", "writing OSI needs osi-python").GroundTruth
     number = {vehicle: k for k, vehicle in enumerate(selection.vehicles, 1)}
     with path.open("wb") as out:
         for pieces in selection.windows(COLUMNS):
             moments: dict[int, Any] = {}
             for t in map(selection.placed, pieces):
-                _add(moments, t, number[t.vehicle_id], GroundTruth)
+                _add(moments, t, number[t.vehicle_id], kind)
             for time in sorted(moments):
                 data = moments[time].SerializeToString()
                 out.write(struct.pack("<I", len(data)) + data)

@@ -12,8 +12,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Ints
 from fleetlog.errors import FormatError
-from fleetlog.importers._open import open_bytes
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport, open_bytes
 
 SIZE = 8 << 20  # Bytes in a block
 LONGEST = 8 << 20  # Bytes in a line

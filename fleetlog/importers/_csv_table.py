@@ -36,8 +36,7 @@ class TableReader:
         self.delimiter, self.decimal = delimiter, decimal
         sentinels = [*fields.profile.sentinels, *(s for c in fields.columns.values() for s in c.sentinels)]
         self.nulls = NULLS + [s for s in sentinels if isinstance(s, str)]
-        self.angles: set[str] = set()
-        """Columns of latitude and longitude that hold text."""
+        self.angles: set[str] = set()  # Columns of latitude and longitude that hold text
         self._types: dict[str, Any] = {}
 
     def decide(self, block: Block) -> None:
@@ -114,8 +113,7 @@ class TableReader:
             reason = f"the line has {'fewer' if more < 0 else 'more'} fields than the header"
             if block.cut and more < 0 and at == block.first + len(lines) - 1:
                 reason = "the line is cut off"
-                before = len(numbers) + len(rejects)
-                whole = f"{before} lines before it in its block are whole"
+                whole = f"{len(numbers) + len(rejects)} lines before it in its block are whole"
                 self.report.damaged(f"the last line ({at}) is cut off; {whole}")
             rejects.append(Reject(at, reason, line))
         return out.getvalue().encode(), numbers, rejects

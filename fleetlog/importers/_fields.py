@@ -5,11 +5,10 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
-from fleetlog.importers._names import EPOCH_UNITS, Meaning, recognise
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile, Source, has_date
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import epoch_unit, microseconds
-from fleetlog.importers._units import KINDS, si_unit
+from fleetlog.importers._units import EPOCH_UNITS, KINDS, Meaning, recognise, si_unit
 
 _PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 

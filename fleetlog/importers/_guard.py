@@ -10,17 +10,15 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.columns import BY_NAME, HIVE_NULL
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import TARGETS
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import EARLIEST, EARLIEST_LOG, LATEST, OFF_TIME
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 
 LONGEST_ID = 200  # Characters of a vehicle's id as the name of a folder
-UNKNOWN_START = (
-    "the times count from an unknown start, placed at 1970-01-01: "
-    "a profile may say when it was ([time] origin = ...)"
-)
+_OTHERWISE = "a profile may say when it was ([time] origin = ...)"
+UNKNOWN_START = f"the times count from an unknown start, placed at 1970-01-01: {_OTHERWISE}"
 NO_NAME = f"the vehicle id is missing, longer than {LONGEST_ID} characters, or the word for unknown"
 
 
@@ -58,9 +56,8 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
     """The batch with times that can be counted, names that can be written, and columns of their kind."""
     withheld = options.profile is not None and not options.profile.keep
-    rejects = [
-        r._replace(reason=_text(r.reason), text="" if withheld else _text(r.text)) for r in batch.rejects
-    ]
+    shown = (lambda _: "") if withheld else _text
+    rejects = [r._replace(reason=_text(r.reason), text=shown(r.text)) for r in batch.rejects]
     columns: dict[str, Values] = {}
     nowhere = np.zeros(len(batch), bool)
     for given, values in batch.columns.items():

@@ -2,17 +2,122 @@
 
 Known by schema name.  ROS: sensor_msgs/NavSatFix, nav_msgs/Odometry, geometry_msgs/PoseStamped and
 PoseWithCovarianceStamped, sensor_msgs/BatteryState.  Foxglove: LocationFix and PoseInFrame, as JSON and
-protobuf.  ASAM OSI: ground truths, sensor views and traffic updates, each with many vehicles.
+protobuf.  ASAM OSI: ground truths, sensor views and traffic updates, each with many vehicles.  No schema and
+no code is taken from the file.
 """
 
+import json
 import math
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Iterator
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
 from fleetlog.importers._times import iso_time
-from fleetlog.importers._wire import Wire, from_json, from_protobuf
 from fleetlog.importers.osi import SCHEMAS, vehicles
+
+_STAMP: dict[int, Any] = {1: "sec", 2: "nsec"}
+_POINT: dict[int, Any] = {1: "x", 2: "y", 3: "z"}
+_PLACE = {1: ("position", _POINT), 2: ("orientation", _POINT | {4: "w"})}
+_LAYOUTS: dict[str, dict[int, Any]] = {
+    "foxglove.LocationFix": {1: "latitude", 2: "longitude", 3: "altitude", 6: ("timestamp", _STAMP)},
+    "foxglove.PoseInFrame": {1: ("timestamp", _STAMP), 3: ("pose", _PLACE)},
+}
+"""Names of the fields of Foxglove's messages by number, with the layout of those that are messages."""
+
+
+def _from_json(data: Any) -> dict[str, Any]:
+    """The object that a message is."""
+    message = json.loads(str(data, "utf-8"))
+    if not isinstance(message, dict):
+        raise ValueError("the message is no JSON object")
+    return message
+
+
+def readers(name: str) -> dict[str, Callable[[Any], dict[str, Any]]]:
+    """What makes of the bytes of a ``name`` the object that it would be in JSON, by encoding.
+
+    CDR is the plain one, in either order of bytes.  Broken bytes raise.
+    """
+    found: dict[str, Callable[[Any], dict[str, Any]]] = {"json": _from_json}
+    if name in _LAYOUTS:
+        found["protobuf"] = lambda data: _named(_LAYOUTS[name], bytes(data))
+    if "/" in name:
+        found["cdr"] = partial(_from_ros, "ROS2_HUMBLE", name)
+        found["ros1"] = partial(_from_ros, "ROS1_NOETIC", name)
+    return found
+
+
+@cache
+def _types(version: str) -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    types, kind = get_typestore(Stores[version]), "tf2_msgs/msg/TFMessage"
+    if kind not in types.fielddefs:  # it is not among ROS 1's own
+        types.register({kind: _types("ROS2_HUMBLE").fielddefs[kind]})
+    return types
+
+
+def _from_ros(version: str, name: str, data: Any) -> dict[str, Any]:
+    types, kind = _types(version), name.replace("/", "/msg/")
+    read = types.deserialize_cdr if version == "ROS2_HUMBLE" else types.deserialize_ros1
+    return {k: _plain(v) for k, v in vars(read(data, kind)).items()}
+
+
+def _plain(value: Any) -> Any:
+    """What JSON would have of a message, but for its arrays."""
+    if isinstance(value, list):
+        return [_plain(part) for part in value]
+    return {k: _plain(v) for k, v in vars(value).items()} if hasattr(value, "__msgtype__") else value
+
+
+def _named(layout: dict[int, Any], data: bytes) -> dict[str, Any]:
+    """A message by the names of its fields; a zero is not written."""
+    given, out = dict(_fields(data)), {}
+    for number, name in layout.items():
+        if isinstance(name, str):
+            out[name] = given.get(number, 0.0)
+        else:
+            out[name[0]] = _named(name[1], given.get(number, b""))
+    return out
+
+
+def _fields(data: bytes) -> Iterator[tuple[int, Any]]:
+    """(field number, value) of a message: varints as int, 64-bit as double, 32-bit as int, the rest as bytes.
+
+    https://protobuf.dev/programming-guides/encoding/
+    """
+    at, end = 0, len(data)
+    while at < end:
+        key, at = _varint(data, at)
+        number, wire = key >> 3, key & 7
+        if wire in (1, 5):
+            yield number, struct.unpack_from("<d" if wire == 1 else "<I", data, at)[0]
+            at += 8 if wire == 1 else 4
+        elif wire == 2:
+            length, at = _varint(data, at)
+            if length > end - at:
+                raise ValueError("a field runs beyond the end of the message")
+            yield number, data[at : at + length]
+            at += length
+        elif wire == 0:
+            value, at = _varint(data, at)
+            yield number, value
+        else:
+            raise ValueError("unknown wire type")
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    value = 0
+    for shift in range(0, 70, 7):
+        byte = data[at]
+        at += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, at
+    raise ValueError("a number is too long")
+
 
 Decode = Callable[[Any], Sample | list[Sample]]
 
@@ -33,46 +138,6 @@ class Kind(NamedTuple):
 def normal_name(schema: str) -> str:
     """``sensor_msgs/msg/NavSatFix`` and ``sensor_msgs/NavSatFix`` are one."""
     return schema.replace("/msg/", "/")
-
-
-def _fix_values(latitude: float, longitude: float, altitude: float) -> dict[str, float]:
-    return {"latitude": latitude, "longitude": longitude, "z": altitude}
-
-
-def _navsat(w: Wire) -> Sample:
-    stamp, _ = w.header()
-    (status,), _ = w.take("b"), w.take("H")
-    return Sample(stamp, _fix_values(*w.take("d", 3)), status >= 0)
-
-
-def _pose_values(x: float, y: float, z: float, *quaternion: float) -> dict[str, float]:
-    return {"x": x, "y": y, "z": z, "heading": heading_of_quaternion(*quaternion)}
-
-
-def _pose(w: Wire) -> Sample:
-    return Sample(w.header()[0], _pose_values(*w.take("d", 7)))
-
-
-def _odometry(w: Wire) -> Sample:
-    stamp, _ = w.header()
-    w.text()
-    values = _pose_values(*w.take("d", 7))
-    w.take("d", 36)
-    values["speed"] = math.hypot(*w.take("d", 2))
-    return Sample(stamp, values)
-
-
-def _battery(w: Wire) -> Sample:
-    stamp, _ = w.header()
-    voltage, temperature, current, _, _, _, share = w.take("f", 7)
-    return Sample(stamp, _battery_values(voltage, current, temperature, share))
-
-
-def _battery_values(voltage: float, current: float, temperature: float, soc: float) -> dict[str, float]:
-    """ROS counts the current negative while discharging; the contract the other way round."""
-    values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc}
-    values["battery_temperature"] = temperature
-    return {name: value for name, value in values.items() if value == value}
 
 
 def numbers(part: dict[str, Any], *names: str) -> list[float]:
@@ -97,22 +162,26 @@ def stamp_of(message: dict[str, Any]) -> int:
 def _said_fix(m: dict[str, Any]) -> Sample:
     status = m.get("status")
     blind = isinstance(status, dict) and finite(status.get("status")) < 0
-    place = (finite(m.get(name)) for name in ("latitude", "longitude", "altitude"))
-    return Sample(stamp_of(m), _fix_values(*place), not blind)
+    latitude, longitude, z = numbers(m, "latitude", "longitude", "altitude")
+    return Sample(stamp_of(m), {"latitude": latitude, "longitude": longitude, "z": z}, not blind)
 
 
 def _said_pose(m: dict[str, Any]) -> Sample:
     """With covariance, pose and twist lie one level deeper."""
     pose = m["pose"].get("pose", m["pose"])
-    values = _pose_values(*numbers(pose["position"], *"xyz"), *numbers(pose["orientation"], *"xyzw"))
+    values = dict(zip("xyz", numbers(pose["position"], *"xyz"), strict=True))
+    values["heading"] = heading_of_quaternion(*numbers(pose["orientation"], *"xyzw"))
     if isinstance(m.get("twist"), dict):
         values["speed"] = math.hypot(*numbers(m["twist"]["twist"]["linear"], "x", "y"))
     return Sample(stamp_of(m), values)
 
 
 def _said_battery(m: dict[str, Any]) -> Sample:
-    figures = numbers(m, "voltage", "current", "temperature", "percentage")
-    return Sample(stamp_of(m), _battery_values(*figures))
+    """ROS counts the current negative while discharging; the contract the other way round."""
+    voltage, current, warmth, soc = numbers(m, "voltage", "current", "temperature", "percentage")
+    values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc}
+    values["battery_temperature"] = warmth
+    return Sample(stamp_of(m), {name: value for name, value in values.items() if value == value})
 
 
 def _in_percent(m: dict[str, Any]) -> Sample:
@@ -126,31 +195,29 @@ def _osi(schema: str) -> dict[str, Decode]:
     return {"protobuf": lambda d: [s._replace(stamp=max(s.stamp, 1)) for s in vehicles(schema, d)]}
 
 
-def _json(said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
-    return {"json": lambda d: said(from_json(d))}
+def _decoders(name: str, said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
+    def after(read: Callable[[Any], dict[str, Any]]) -> Decode:
+        return lambda data: said(read(data))
 
-
-def _foxglove(name: str, said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
-    return {**_json(said), "protobuf": lambda d: said(from_protobuf(name, d))}
-
-
-def _ros(decode: Callable[[Wire], Sample], said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
-    return {**_json(said), "cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True))}
+    return {encoding: after(read) for encoding, read in readers(name).items()}
 
 
 _FIX = "position, WGS 84"
 _POSE = "position and heading in the site frame, from m and quaternion"
 _BATTERY = "soc, voltage and current of the battery (current > 0 when discharging)"
+_READ: tuple[tuple[str, int, Callable[[dict[str, Any]], Sample], str], ...] = (
+    ("foxglove.LocationFix", 0, _said_fix, _FIX),
+    ("sensor_msgs/NavSatFix", 1, _said_fix, _FIX),
+    ("geometry_msgs/PoseWithCovarianceStamped", 2, _said_pose, _POSE),
+    ("geometry_msgs/PoseStamped", 3, _said_pose, _POSE),
+    ("foxglove.PoseInFrame", 4, _said_pose, _POSE),
+    ("nav_msgs/Odometry", 6, _said_pose, _POSE + ", speed"),
+    ("sensor_msgs/BatteryState", 9, _said_battery, _BATTERY),
+    ("foxglove.Battery", 9, _in_percent, _BATTERY + ", percentage from %"),
+)
 KINDS: dict[str, Kind] = {
-    "foxglove.LocationFix": Kind(0, _foxglove("LocationFix", _said_fix), _FIX),
-    "sensor_msgs/NavSatFix": Kind(1, _ros(_navsat, _said_fix), _FIX),
-    "geometry_msgs/PoseWithCovarianceStamped": Kind(2, _ros(_pose, _said_pose), _POSE),
-    "geometry_msgs/PoseStamped": Kind(3, _ros(_pose, _said_pose), _POSE),
-    "foxglove.PoseInFrame": Kind(4, _foxglove("PoseInFrame", _said_pose), _POSE),
+    **{name: Kind(rank, _decoders(name, said), meaning) for name, rank, said, meaning in _READ},
     **{name: Kind(5, _osi(name), "position, heading and speed of every vehicle") for name in SCHEMAS},
-    "nav_msgs/Odometry": Kind(6, _ros(_odometry, _said_pose), _POSE + ", speed"),
-    "sensor_msgs/BatteryState": Kind(9, _ros(_battery, _said_battery), _BATTERY),
-    "foxglove.Battery": Kind(9, _json(_in_percent), _BATTERY + ", percentage from %"),
 }
 POSITIONS = ("latitude", "longitude", "x", "y", "z")
 

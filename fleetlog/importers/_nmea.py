@@ -214,9 +214,8 @@ def _nav_pvt(body: bytes) -> Part:
     """NAV-PVT: date, time, fix type, 1e-7 degrees, mm, mm/s, 1e-5 degrees."""
     if len(body) < 2 + _PVT.size:
         raise ValueError("NAV-PVT is too short")
-    year, month, day, hour, minute, second, known, nano, fix, flags, satellites, *place = _PVT.unpack_from(
-        body, 2
-    )
+    told = _PVT.unpack_from(body, 2)
+    year, month, day, hour, minute, second, known, nano, fix, flags, satellites, *place = told
     longitude, latitude, above_sea, speed, course = place
     part = Part(valid=fix in (2, 3, 4) and bool(flags & 1))
     if known & 2 and hour < 24 and minute < 60 and second < 61:

@@ -1,22 +1,49 @@
-"""Files as bytes, whether packed or not; a packed file that is cut off or broken gives what is whole."""
+"""Files as bytes, whether packed or not, and the report of what a file turned out to hold.
 
-from __future__ import annotations
+A packed file that is cut off or broken gives what is whole.
+"""
 
 import io
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow as pa
 
 from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError
-from fleetlog.importers._report import ReadReport
 
-if TYPE_CHECKING:
-    from _typeshed import WriteableBuffer
+
+@dataclass
+class ReadReport:
+    """Format, recognised columns, notes and damage of one file; an importer fills it while it reads."""
+
+    path: Path
+    format: str = ""
+    recognised: dict[str, str] = field(default_factory=dict)
+    """Column or field of the log -> what it was taken for, as ``"speed, from km/h"``."""
+    notes: list[str] = field(default_factory=list)  # Anything else that was decided and not asked for
+    damage: list[str] = field(default_factory=list)
+    """What is broken or cut off, where, and how much is whole; any entry makes the exit status 3."""
+
+    def note(self, text: str) -> None:
+        """Say something once."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def damaged(self, text: str) -> None:
+        """Report damage once."""
+        if text not in self.damage:
+            self.damage.append(text)
+
+    def nothing(self, what: str, do: str = "check the format") -> FormatError:
+        """The error for a file that gave no row: what it holds, and the first damage that was met."""
+        damage = f"; {self.damage[0]}" if self.damage else ""
+        return FormatError(what + damage, where=self.path, do=do)
+
 
 HEAD = 1 << 16
 RATIO = 250
@@ -83,12 +110,11 @@ class Unpacked(io.RawIOBase):
         """True."""
         return True
 
-    def readinto(self, buffer: WriteableBuffer, /) -> int:
+    def readinto(self, buffer: Any, /) -> int:
         """The next bytes; 0 at the end, and at the first damage."""
         view = memoryview(buffer).cast("B")
-        data = (
-            self._file.read(len(view)) if self._unpacked is None else self._piece(min(len(view), self._step))
-        )
+        size = len(view)
+        data = self._file.read(size) if self._unpacked is None else self._piece(min(size, self._step))
         view[: len(data)] = data
         self._given += len(data)
         if self._packing and self._given > min(max(FREE, RATIO * self._size), LARGEST):
@@ -145,6 +171,17 @@ def packets(stream: io.BufferedReader, head: struct.Struct, report: ReadReport) 
             return
         done += 1
         yield *said, data
+
+
+def cut(data: Any, at: int, head: struct.Struct) -> tuple[Any, int]:
+    """What stands behind its length at a place of a record, and the place after it."""
+    if len(data) - at < head.size:
+        raise Damaged("half a record at its end")
+    (length,) = head.unpack_from(data, at)
+    end = at + head.size + length
+    if end > len(data):
+        raise Damaged("a record runs beyond its end")
+    return data[at + head.size : end], end
 
 
 def refuse_packed(path: Path) -> None:

@@ -17,10 +17,9 @@ from fleetlog.core.frames import crs, map_frames
 from fleetlog.core.schema import Keys, Wrong, either, flag, list_of, one_of, real, table, text
 from fleetlog.core.site import MapFrame
 from fleetlog.errors import InputError
-from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._times import microseconds
-from fleetlog.importers._units import KINDS, Unit, unit
+from fleetlog.importers._units import EPOCH_UNITS, KINDS, Unit, unit
 
 _PARTS_OF_DATES = "YyGmbBdjUWVuwaA"
 TARGETS = (*NAMES, "latitude", "longitude")
@@ -174,12 +173,8 @@ def load_profile(path: str | Path) -> Profile:
 
 def profile_from_dict(data: dict[str, Any], where: str = "profile") -> Profile:
     """A profile of nested sections, checked."""
-    given = table(
-        data,
-        {**_FILE, "time": schema.anything, "columns": schema.anything, "map_frame": schema.anything},
-        where,
-        "",
-    )
+    unread = dict.fromkeys(("time", "columns", "map_frame"), schema.anything)
+    given = table(data, {**_FILE, **unread}, where, "")
     frames = map_frames(given, where)
     given.pop("map_frame", None)
     stamp, columns = given.pop("time", {}), given.pop("columns", {})

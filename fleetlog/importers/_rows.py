@@ -15,6 +15,7 @@ from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME, iso_time
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject
 
 BATCH = 1 << 16  # Rows in a batch: large enough for columns to pay, small enough for bounded memory
+Row = dict[str, Any]  # Values by the names of columns; a string is a label
 REJECT_TEXT = 400  # Characters of a rejected record that are kept
 NAN = float("nan")
 
@@ -51,9 +52,7 @@ class Rows:
         self._columns: dict[str, list[Any]] = {name: [] for name in self._always}
         self._rejects: list[Reject] = []
 
-    def add(
-        self, vehicle: str, time: int, record: int, values: dict[str, Any], written: object = None
-    ) -> None:
+    def add(self, vehicle: str, time: int, record: int, values: Row, written: object = None) -> None:
         """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null.
 
         It is rejected, as it was ``written``, where its place is no number or its time off.
@@ -73,9 +72,7 @@ class Rows:
             self._record.append(record)
             self.total += 1
 
-    def add_iso(
-        self, vehicle: str, time: str | None, record: int, values: dict[str, Any], written: object = None
-    ) -> None:
+    def add_iso(self, vehicle: str, time: str | None, record: int, values: Row, written: Any = None) -> None:
         """One row with its time in ISO 8601."""
         try:
             stamp = iso_time(time) if time else None

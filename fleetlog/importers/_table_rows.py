@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Labels, Values
-from fleetlog.importers._csv_cells import degrees, numbers
-from fleetlog.importers._csv_clock import Clock
+from fleetlog.importers._csv_clock import Clock, degrees, numbers
 from fleetlog.importers._fields import Fields
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Source
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import REJECT_TEXT, renamed
 from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
 from fleetlog.importers._units import KINDS

@@ -1,10 +1,9 @@
 """Times of logs as microseconds since 1970 UTC: ISO 8601, counts, formats, local times."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pandas as pd
@@ -12,10 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.importers._names import EPOCH_UNITS
-
-if TYPE_CHECKING:
-    from zoneinfo import ZoneInfo
+from fleetlog.importers._units import EPOCH_UNITS
 
 NONE = np.iinfo(np.int64).min  # A time that could not be read
 MISSING = "the time is missing"
@@ -120,8 +116,7 @@ class Days:
     def dated(self, of_day: Ints) -> Ints:
         """Times [us] of times of day; ``NONE`` stays."""
         known = of_day != NONE
-        steps = np.diff(of_day[known], prepend=self.last)
-        turns = np.cumsum(steps < -DAY // 2)
+        turns = np.cumsum(np.diff(of_day[known], prepend=self.last) < -DAY // 2)
         out = of_day.copy()
         out[known] += self.first + turns * DAY
         if len(turns):
@@ -138,27 +133,25 @@ def from_iso(cells: pa.Array) -> tuple[Ints, Mask]:
             continue
         # Times before 1970 round down like the others.
         micro = np.asarray(time.cast(pa.int64()).fill_null(0).to_numpy()) // 1000
-        null = np.asarray(cells.is_null())
-        return np.where(null, NONE, micro), np.full(len(cells), bare)
+        return np.where(np.asarray(cells.is_null()), NONE, micro), np.full(len(cells), bare)
     return _iso_one_by_one(cells)
 
 
 def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, Mask]:
     text = pd.Series(cells.to_pandas(), dtype=object).str.strip()
-    zoned = np.asarray(
-        text.str.contains(r"(?:[zZ]|[+-]\d\d:?\d\d|[+-]\d\d)$", na=False) & text.str.contains(":", na=False)
-    )
     # The date itself ends in -DD; a zone only counts after a time of day.
-    return _epoch(pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)), ~zoned
+    zoned = text.str.contains(r"(?:[zZ]|[+-]\d\d(?::?\d\d)?)$", na=False) & text.str.contains(":", na=False)
+    return _epoch(pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)), ~np.asarray(
+        zoned
+    )
 
 
 def from_format(cells: pa.Array, style: str) -> tuple[Ints, Mask]:
     """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where one does not fit."""
     zoned = "%z" in style or "%Z" in style
     text = pd.Index(cells.to_pandas(), dtype=object)
-    return _epoch(pd.to_datetime(text, format=style, errors="coerce", utc=zoned)), np.full(
-        len(cells), not zoned
-    )
+    time = _epoch(pd.to_datetime(text, format=style, errors="coerce", utc=zoned))
+    return time, np.full(len(cells), not zoned)
 
 
 def microseconds(moment: datetime) -> int:

@@ -10,8 +10,7 @@ from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError
 from fleetlog.importers._messages import KINDS, POSITIONS, Topic, normal_name
-from fleetlog.importers._open import plain_stem, refuse_packed
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport, plain_stem, refuse_packed
 from fleetlog.importers._rows import BATCH, Rows, Sample
 from fleetlog.importers._transforms import ODOMETRY, Transforms, decoder
 from fleetlog.importers._walk import Walk
@@ -195,8 +194,7 @@ def read_recording(
             walk.channels = scan.channels
             if not scan.channels and scan.report.damage:
                 raise scan.report.nothing("nothing in it is whole", "record it again")
-        topics = walk.channels.values()
-        roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
+        roles = plan(walk.channels.values(), path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)
         for channel, time, data in walk.messages():
             decoder.feed(channel.name, time, data)

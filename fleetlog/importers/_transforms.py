@@ -4,17 +4,17 @@ Frames are named as REP 105 has them; a name in front (``robot1/base_link``) is 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fleetlog.core.arrays import Floats
-from fleetlog.importers._messages import normal_name, numbers, stamp_of
+from fleetlog.importers._messages import normal_name, numbers, readers, stamp_of
 from fleetlog.importers._rows import Sample
-from fleetlog.importers._wire import Wire, from_json
 
+KIND = "tf2_msgs/TFMessage"
 BASES = ("base_link", "base_footprint")
 ODOMETRY = "odom"  # A frame that drifts; poses in it count where no other frame is above it
 WORLD = "world"  # What simulators call the map; frames right below it are robots, but for ``BODIES``
@@ -31,36 +31,24 @@ class Link(NamedTuple):
     pose: Floats
 
 
-Decode = Callable[[Any], list[Link]]
+Decode = Callable[[Any], dict[str, Any]]
 
 
 def decoder(schema: str, encoding: str) -> Decode | None:
     """What reads the messages of a topic of transforms; None for any other."""
-    known = normal_name(schema) in ("tf2_msgs/TFMessage", "tf/tfMessage")
-    by_encoding: dict[str, Decode] = {
-        "cdr": lambda d: _links(Wire(d)), "ros1": lambda d: _links(Wire(d, ros1=True)), "json": _json,
-    }  # fmt: skip
-    return by_encoding.get(encoding) if known else None
+    known = normal_name(schema) in (KIND, "tf/tfMessage")
+    return readers(KIND).get(encoding) if known else None
 
 
-def _links(w: Wire) -> list[Link]:
-    (count,) = w.take("I")
-    return [_link(*w.header(), w.text(), w.take("d", 7)) for _ in range(count)]
-
-
-def _json(data: Any) -> list[Link]:
+def _links(message: dict[str, Any]) -> list[Link]:
     links = []
-    for said in from_json(data)["transforms"]:
-        pose, parent = said["transform"], said["header"]["frame_id"]
-        place = numbers(pose["translation"], *"xyz") + numbers(pose["rotation"], *"xyzw")
-        links.append(_link(stamp_of(said), str(parent), str(said["child_frame_id"]), place))
+    for said in message["transforms"]:
+        transform, pose = said["transform"], np.eye(4)
+        pose[:3, :3] = Rotation.from_quat(numbers(transform["rotation"], *"xyzw")).as_matrix()
+        pose[:3, 3] = numbers(transform["translation"], *"xyz")
+        parent, child = (str(v).strip("/") for v in (said["header"]["frame_id"], said["child_frame_id"]))
+        links.append(Link(parent, child, stamp_of(said), pose))
     return links
-
-
-def _link(stamp: int, parent: str, child: str, place: Sequence[float]) -> Link:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_quat(place[3:]).as_matrix(), place[:3]
-    return Link(parent.strip("/"), child.strip("/"), stamp, pose)
 
 
 class Transforms:
@@ -71,7 +59,7 @@ class Transforms:
 
     def take(self, decode: Decode, data: Any, *, static: bool, named: bool) -> list[Sample]:
         """Take note of a message; the poses of the bases that it moves, ``named`` after their frames."""
-        links = decode(data)
+        links = _links(decode(data))
         if len(self._links.keys() | {k.child for k in links}) > FRAMES:
             raise ValueError(f"more than {FRAMES:,} frames")
         self._links |= {link.child: link for link in links}

@@ -12,8 +12,7 @@ from typing import Any, BinaryIO, ClassVar, NamedTuple
 
 from fleetlog.core.words import count
 from fleetlog.importers._messages import Topic
-from fleetlog.importers._open import Damaged
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import Damaged, ReadReport
 
 DAMAGE_LINES = 10
 FAULTS = (Damaged, struct.error, KeyError, ValueError)  # What broken bytes raise
@@ -47,8 +46,7 @@ class Walk(ABC):
         self.size = path.stat().st_size
         self.at = self.count = 0  # Place in the file, and whole messages so far
         self.channels: dict[int, Topic] = {}
-        self.chunks: dict[int, int] = {}
-        """Messages in the chunk at each place, where the index tells them."""
+        self.chunks: dict[int, int] = {}  # Messages in the chunk at each place, where the index tells them
         self.stated = self.indexed = 0
         """Messages that the index at the end, and the indices on the way, speak of."""
         self.whole = False

@@ -9,8 +9,7 @@ from typing import Any
 from lxml import etree
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._open import open_bytes
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport, open_bytes
 
 LIMIT = 1 << 24
 """Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""

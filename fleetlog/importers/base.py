@@ -4,8 +4,6 @@ A format is one module of this package that holds ``IMPORTER``, an :class:`Impor
 :class:`RawBatch` es; cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -18,9 +16,8 @@ from fleetlog.core.arrays import Ints
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError, InputError, nearest
-from fleetlog.importers._open import compression, head_of, plain_stem, plain_suffix
+from fleetlog.importers._open import ReadReport, compression, head_of, plain_stem, plain_suffix
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._report import ReadReport
 from fleetlog.registry import parts
 
 GEOGRAPHIC = ("latitude", "longitude")
@@ -77,7 +74,7 @@ class RawBatch:
     def of(
         cls, vehicle: str | Labels, time: Ints, columns: dict[str, Values], record: Ints | None = None,
         rejects: Iterable[Reject] = (), progress: float = 0.0,
-    ) -> RawBatch:  # fmt: skip
+    ) -> "RawBatch":  # fmt: skip
         """A batch; one vehicle may be named by a string, and records are numbered from 1 where not given."""
         n = len(time)
         labels = Labels(np.zeros(n, np.int32), (vehicle,)) if isinstance(vehicle, str) else vehicle

@@ -13,9 +13,8 @@ from io import BufferedReader
 from pathlib import Path
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._open import open_bytes, packets
-from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows, gather
+from fleetlog.importers._open import Damaged, ReadReport, cut, open_bytes, packets
+from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 MAGIC = b"CARLA_RECORDER"
@@ -23,7 +22,7 @@ FRAME_START, EVENT_ADD, POSITION = 0, 2, 6
 VEHICLE = 1
 CENTIMETRE = 0.01
 _PACKET, _FRAME, _PLACE = struct.Struct("<BI"), struct.Struct("<Qdd"), struct.Struct("<I6f")
-_ADDED = struct.Struct("<IB6fI")
+_ADDED, _SHORT = struct.Struct("<IB6fI"), struct.Struct("<H")
 
 
 def sniff(path: Path, head: bytes) -> bool:
@@ -41,10 +40,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         yield from gather(packets(stream, _PACKET, options.report), log.take, rows)
     if not rows.total:
         raise options.report.nothing("no vehicle's position in it", "record it with vehicles")
-    options.report.recognised |= {
-        "position": "x, y, z from cm, y turned to the left, heading from degrees",
-        "actor": "vehicle_id: type and number",
-    }
+    told = options.report.recognised
+    told["position"] = "x, y, z from cm, y turned to the left, heading from degrees"
+    told["actor"] = "vehicle_id: type and number"
     yield from rows.drain()
 
 
@@ -83,7 +81,7 @@ class _Log:
                 self._names |= dict(_added(data))
             elif kind == POSITION:
                 self._places(data, number)
-        except (struct.error, ValueError, OverflowError) as error:
+        except (Damaged, struct.error, OverflowError) as error:
             self.rows.reject(number, f"the packet of kind {kind} is damaged", error)
 
     def _places(self, data: bytes, number: int) -> None:
@@ -92,9 +90,7 @@ class _Log:
             if name is None:
                 continue
             values = {"x": x * CENTIMETRE, "y": -y * CENTIMETRE, "z": z * CENTIMETRE}
-            values["heading"] = (
-                math.remainder(-math.radians(yaw), math.tau) if math.isfinite(yaw) else math.nan
-            )
+            values["heading"] = math.remainder(-math.radians(finite(yaw)), math.tau)
             self.rows.add(name, self._time, number, values)
 
 
@@ -103,21 +99,13 @@ def _added(data: bytes) -> Iterator[tuple[int, str]]:
     (count,), at = struct.unpack_from("<H", data), 2
     for _ in range(count):
         actor, kind = _ADDED.unpack_from(data, at)[:2]
-        name, at = _cut(data, at + _ADDED.size)
+        name, at = cut(data, at + _ADDED.size, _SHORT)
         (attributes,), at = struct.unpack_from("<H", data, at), at + 2
         for _ in range(attributes):
-            _, at = _cut(data, at + 1)
-            _, at = _cut(data, at)
+            _, at = cut(data, at + 1, _SHORT)
+            _, at = cut(data, at, _SHORT)
         if kind == VEHICLE:
-            yield actor, f"{name.removeprefix('vehicle.')}-{actor}"
-
-
-def _cut(data: bytes, at: int) -> tuple[str, int]:
-    (length,) = struct.unpack_from("<H", data, at)
-    end = at + 2 + length
-    if end > len(data):
-        raise ValueError("a text runs beyond the packet")
-    return data[at + 2 : end].decode("utf-8", "replace"), end
+            yield actor, f"{name.decode('utf-8', 'replace').removeprefix('vehicle.')}-{actor}"
 
 
 IMPORTER = Importer("carla", (".log", ".rec"), sniff, read)

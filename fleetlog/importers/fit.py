@@ -11,6 +11,7 @@ from fleetlog.importers._open import open_bytes
 from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers._times import microseconds
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.registry import extra
 
 SEMICIRCLE = 180.0 / 2**31  # Degrees: FIT counts half turns in 2^31 steps
 PLACE = {"latitude": "position_lat", "longitude": "position_long"}
@@ -27,13 +28,8 @@ def sniff(path: Path, head: bytes) -> bool:
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a record with a position; a file that breaks off gives what is before."""
+    fitdecode = extra("fitdecode", "fit", "reading FIT needs fitdecode", path, FormatError)
     stream, raw = open_bytes(path, options.report)
-    try:
-        import fitdecode
-    except ImportError:
-        stream.close()
-        what, do = "reading FIT needs fitdecode", 'install it with: pip install "fleetlog[fit]"'
-        raise FormatError(what, where=path, do=do) from None
     rows = Rows("latitude", "longitude", share=lambda: raw.share)
     with stream, fitdecode.FitReader(stream, error_handling=fitdecode.ErrorHandling.IGNORE) as frames:
         records = (f for f in frames if isinstance(f, fitdecode.FitDataMessage) and f.name == "record")

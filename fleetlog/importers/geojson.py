@@ -19,9 +19,8 @@ import numpy as np
 
 from fleetlog.core.words import count
 from fleetlog.importers._fields import Fields, fields_of
-from fleetlog.importers._open import open_bytes
+from fleetlog.importers._open import ReadReport, open_bytes
 from fleetlog.importers._profile import Source
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions
 
@@ -97,10 +96,8 @@ class _Reader:
 
     def __init__(self, options: ReadOptions, share: Any) -> None:
         self.options = options
-        self.tables = self._geographic, self._local = (
-            Rows(*GEOGRAPHIC, share=share),
-            Rows(*LOCAL, share=share),
-        )
+        self._geographic, self._local = (Rows(*pair, share=share) for pair in (GEOGRAPHIC, LOCAL))
+        self.tables = self._geographic, self._local
         self.left_out: Counter[str] = Counter()
         self.points = 0
         self._fields: dict[tuple[str, ...], Fields] = {}
@@ -114,8 +111,7 @@ class _Reader:
         if kind == "Point":
             self._point(coordinates, properties, number)
         elif kind in ("LineString", "MultiLineString") and isinstance(coordinates, list):
-            lines = [coordinates] if kind == "LineString" else coordinates
-            self._lines(lines, properties, number)
+            self._lines([coordinates] if kind == "LineString" else coordinates, properties, number)
         else:
             self.left_out[kind] += 1
 

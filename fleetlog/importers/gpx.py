@@ -12,7 +12,7 @@ from typing import Any
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._rows import Rows, finite, gather, heading_of_course
 from fleetlog.importers._xml import Elements, local
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding

@@ -26,14 +26,11 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     yield from gather(elements, take, rows)
     lines = count(elements.seen["LineString"], "line")
     if not rows.total:
-        what = f"no track with times in it, {lines} without"
-        raise report.nothing(what, "export it with times (gx:Track)")
+        raise report.nothing(f"no track with times in it, {lines} without", "export it with times (gx:Track)")
     if elements.seen["LineString"]:
         report.note(f"{lines} without times left out")
-    report.recognised |= {
-        "gx:coord, coordinates": "position, WGS 84, z from m",
-        "when": "timestamp, ISO 8601",
-    }
+    report.recognised["gx:coord, coordinates"] = "position, WGS 84, z from m"
+    report.recognised["when"] = "timestamp, ISO 8601"
     yield from rows.drain()
 
 

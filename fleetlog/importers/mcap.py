@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fleetlog.importers._messages import Topic
-from fleetlog.importers._open import LIMIT, Damaged, unpack
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import LIMIT, Damaged, ReadReport, cut, unpack
 from fleetlog.importers._topics import read_recording
 from fleetlog.importers._walk import Item, Message, Record, Walk
 from fleetlog.importers.base import Importer, holding
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD, _CHUNK, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<QQQI"), struct.Struct("<HIQQ")
-_FOOTER = 9 + 20 + 8
+_FOOTER, _SIZE = 9 + 20 + 8, struct.Struct("<I")
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(2, 9)
 STATISTICS, DATA_END = 11, 15
 _READ = frozenset({SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS})
@@ -102,10 +101,8 @@ class McapWalk(Walk):
 
 
 def _text(record: memoryview, at: int) -> tuple[str, int]:
-    (length,) = struct.unpack_from("<I", record, at)
-    if length > len(record) - at - 4:
-        raise Damaged("a text runs beyond its record")
-    return bytes(record[at + 4 : at + 4 + length]).decode("utf-8", "replace"), at + 4 + length
+    text, end = cut(record, at, _SIZE)
+    return bytes(text).decode("utf-8", "replace"), end
 
 
 def records(data: bytes) -> Iterator[Item]:
@@ -127,8 +124,7 @@ def unpack_chunk(body: memoryview) -> bytes:
     _, _, size, crc = _CHUNK.unpack_from(body)
     packing, at = _text(body, _CHUNK.size)
     (length,) = struct.unpack_from("<Q", body, at)
-    packed = bytes(body[at + 8 : at + 8 + length])
-    data = unpack(packing, packed, size)
+    data = unpack(packing, bytes(body[at + 8 : at + 8 + length]), size)
     if crc and zlib.crc32(data) != crc:
         raise Damaged("its checksum is wrong")
     return data

@@ -4,8 +4,6 @@ Channels are recognised by name and unit as the columns of a CSV are.  Channels 
 times: a group that holds a position gives rows, any other one values at times of its own.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import sys
@@ -22,6 +20,7 @@ from fleetlog.importers._open import refuse_packed
 from fleetlog.importers._profile import Source
 from fleetlog.importers._times import from_counts, microseconds
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
+from fleetlog.registry import extra
 
 BATCH = 1 << 16
 
@@ -34,7 +33,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         groups = [_Group(measurement, number, options, origin) for number in range(len(measurement.groups))]
         if not any(g.placed for g in groups):
             do = "map its channels to latitude, longitude or x, y with --profile"
-            raise FormatError(f"no group of channels holds a position ({_named(groups)})", where=path, do=do)
+            names = ", ".join([name for group in groups for name in group.names][:20])
+            holds = f"channels: {names}" if names else "it has no channel"
+            raise FormatError(f"no group of channels holds a position ({holds})", where=path, do=do)
         done = 0
         for group in groups:
             for batch in group.batches(done):
@@ -43,28 +44,19 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 
 def _opened(path: Path) -> Any:
-    try:
-        from asammdf import MDF
-    except ImportError:
-        what, do = "reading MF4 needs asammdf", 'install it with: pip install "fleetlog[mf4]"'
-        raise FormatError(what, where=path, do=do) from None
+    asammdf = extra("asammdf", "mf4", "reading MF4 needs asammdf", path, FormatError)
     # Damage is told in one line.  The library would log it too, and what it could not open it cannot close.
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         try:
-            return MDF(path)
+            return asammdf.MDF(path)
         except Exception as error:  # of several kinds, on damaged files
             what = f"cannot be read as MF4 ({type(error).__name__})"
         gc.collect()
     finally:
         sys.unraisablehook = hook
     raise FormatError(what, where=path, do="record it again, or repair it with asammdf")
-
-
-def _named(groups: list[_Group]) -> str:
-    names = [n for g in groups for n in g.names]
-    return f"channels: {', '.join(names[:20])}" if names else "it has no channel"
 
 
 class _Group:

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from fleetlog.core.words import count
 from fleetlog.importers._nmea import Frame, Part, decode, frames
-from fleetlog.importers._open import open_bytes
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport, open_bytes
 from fleetlog.importers._rows import Rows
 from fleetlog.importers._times import DAY
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions

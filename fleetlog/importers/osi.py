@@ -11,7 +11,6 @@ import re
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from fleetlog.errors import FormatError
 from fleetlog.importers._open import PACKET_LIMIT, head_of, open_bytes, packets, plain_suffix
 from fleetlog.importers._rows import Rows, Sample, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.registry import extra
 
 _LENGTH = struct.Struct("<I")
 _VERSION = 0x0A  # Every message begins with its version: field 1, a message
@@ -57,11 +57,8 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 def _class(schema: str) -> Any:
     name = schema.removeprefix("osi3.")
-    try:
-        return getattr(import_module(f"osi3.osi_{name.lower()}_pb2"), name)
-    except ImportError:
-        what, do = "reading OSI needs osi-python", 'install it with: pip install "fleetlog[osi]"'
-        raise FormatError(what, do=do) from None
+    module = f"osi3.osi_{name.lower()}_pb2"
+    return getattr(extra(module, "osi", "reading OSI needs osi-python", error=FormatError), name)
 
 
 def vehicles(schema: str, data: Any) -> list[Sample]:

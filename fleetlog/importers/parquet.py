@@ -13,21 +13,16 @@ import pyarrow.parquet as pq
 from fleetlog.core.arrays import Floats
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError
-from fleetlog.importers._csv_layout import unique
 from fleetlog.importers._fields import fields_of
 from fleetlog.importers._open import refuse_packed
 from fleetlog.importers._profile import Source
 from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
+from fleetlog.importers.csv import unique
 
 BATCH = 1 << 17
-_FIGURES = (
-    pa.types.is_null,
-    pa.types.is_boolean,
-    pa.types.is_decimal,
-    pa.types.is_floating,
-    pa.types.is_integer,
-)
+_OF_FIGURES = ("null", "boolean", "decimal", "floating", "integer")
+_FIGURES = [getattr(pa.types, f"is_{kind}") for kind in _OF_FIGURES]
 GROUP_LIMIT = 1 << 32  # Unpacked bytes of a row group that are believed
 CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
 """Values that a file may state: so many in any file, and so many for each of its bytes."""
@@ -117,8 +112,7 @@ class _Reader:
             rows = shown.take([n - first for n in numbers]).to_pylist()
             return [" ".join(f"{name}={value}" for name, value in row.items()) for row in rows]
 
-        record = np.arange(first, self.done + 1)
-        return self.rows.batch(table, record, texts, [], self.done / self.total)
+        return self.rows.batch(table, np.arange(first, self.done + 1), texts, [], self.done / self.total)
 
 
 def _is_time(kind: Any) -> bool:

@@ -15,7 +15,7 @@ from fleetlog.core.files import SETTINGS, open_regular, read_whole
 from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._messages import Topic
-from fleetlog.importers._open import LIMIT, Damaged, plain_stem, plain_suffix, refuse_packed, unpack
+from fleetlog.importers._open import LIMIT, Damaged, cut, plain_stem, plain_suffix, refuse_packed, unpack
 from fleetlog.importers._topics import LOOKED_FOR, Decoder, plan, read_recording
 from fleetlog.importers._walk import Item, Message, Record, Walk
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
@@ -58,8 +58,7 @@ class BagWalk(Walk):
     def _next(self) -> Record:
         self.stream.seek(self.at)
         header = _header(self._block())
-        data = self._block()
-        return Record(_kind(header), header, data, self.stream.tell())
+        return Record(_kind(header), header, self._block(), self.stream.tell())
 
     def _block(self) -> bytes:
         head = self.stream.read(4)
@@ -75,8 +74,8 @@ class BagWalk(Walk):
         data = unpack(chunk.header[b"compression"].decode("ascii", "replace"), chunk.data, size)
         at = 0
         while at < len(data):
-            head, at = _cut(data, at)
-            body, at = _cut(data, at)
+            head, at = cut(data, at, _LENGTH)
+            body, at = cut(data, at, _LENGTH)
             header = _header(head)
             yield _kind(header), header, body
 
@@ -103,21 +102,11 @@ def _kind(header: Header) -> int:
     return int.from_bytes(header[b"op"], "little")
 
 
-def _cut(data: bytes, at: int) -> tuple[bytes, int]:
-    if len(data) - at < 4:
-        raise Damaged("half a record at its end")
-    (length,) = _LENGTH.unpack_from(data, at)
-    end = at + 4 + length
-    if end > len(data):
-        raise Damaged("a record runs beyond its end")
-    return data[at + 4 : end], end
-
-
 def _header(data: bytes) -> Header:
     """The fields ``name=value`` of a header."""
     fields, at = {}, 0
     while at < len(data):
-        field, at = _cut(data, at)
+        field, at = cut(data, at, _LENGTH)
         name, _, value = field.partition(b"=")
         fields[name] = value
     return fields

@@ -35,11 +35,8 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     yield from gather(elements, take, metres, degrees)
     if not degrees.total + metres.total:
         raise report.nothing("no vehicle with a position in it", "write it with --fcd-output")
-    report.recognised |= {
-        "x, y": "position",
-        "angle": "heading, from degrees clockwise from north",
-        "time": "timestamp, from s",
-    }
+    report.recognised |= {"x, y": "position", "time": "timestamp, from s"}
+    report.recognised["angle"] = "heading, from degrees clockwise from north"
     yield from (*metres.drain(), *degrees.drain())
 
 

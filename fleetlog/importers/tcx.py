@@ -26,7 +26,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         if point.find("{*}Position") is None:
             still.append(number)
         else:
-            _add(rows, point, options.name, number)
+            texts = {local(leaf): leaf.text for leaf in point.iter()}
+            values = {name: finite(texts[leaf]) for leaf, name in _LEAVES.items() if leaf in texts}
+            rows.add_iso(options.name, texts.get("Time"), number, values)
 
     yield from gather(elements, take, rows)
     if not rows.total:
@@ -40,12 +42,6 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     if still:
         report.note(f"{count(len(still), 'trackpoint')} without a position left out")
     yield from rows.drain()
-
-
-def _add(rows: Rows, element: Any, vehicle: str, number: int) -> None:
-    texts = {local(leaf): leaf.text for leaf in element.iter()}
-    values = {name: finite(texts[leaf]) for leaf, name in _LEAVES.items() if leaf in texts}
-    rows.add_iso(vehicle, texts.get("Time"), number, values)
 
 
 IMPORTER = Importer("tcx", (".tcx",), holding(b"<TrainingCenterDatabase"), read)

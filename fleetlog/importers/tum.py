@@ -40,8 +40,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 def _add(rows: Rows, options: ReadOptions, pose: list[float] | None, line: bytes, number: int) -> None:
     if pose is None or not -(1 << 62) < pose[0] * 1e6 < 1 << 62:
-        text = line.decode("latin-1").strip()
-        rows.reject(number, "not eight numbers ending in a unit quaternion", text)
+        rows.reject(number, "not eight numbers ending in a unit quaternion", line.decode("latin-1").strip())
         return
     values = {"x": pose[1], "y": pose[2], "z": pose[3], "heading": heading_of_quaternion(*pose[4:])}
     # Exact: a double holds only a quarter of a microsecond.

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog.core.words import count
-from fleetlog.importers._open import open_bytes
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport, open_bytes
 from fleetlog.importers._rows import NAN, Rows, finite, gather
 from fleetlog.importers._times import iso_time
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
+Message = dict[str, Any]
 LINE_LIMIT = 1 << 22
 MOST = 1e300  # A sum of weights beyond what a float holds is far beyond any load, and refused as that
 # without quotation marks: a wrapped payload may be a string, with its marks escaped
@@ -39,9 +39,7 @@ _FACTS = {
 def sniff(path: Path, head: bytes) -> bool:
     """Whether a JSON line speaks of a serial number, a position or a battery as VDA 5050 does."""
     first = next((line for line in head.splitlines() if b"{" in line), b"")
-    return sum(m in first for m in _MARKS) >= 2 or (
-        b"/state" in first[:200] and any(m in first for m in _MARKS)
-    )
+    return sum(m in first for m in _MARKS) >= (1 if b"/state" in first[:200] else 2)
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -66,8 +64,7 @@ class _Reader:
         self.batteries = Rows(share=share)
         self.others: Counter[str] = Counter()
         self.versions: Counter[str] = Counter()
-        self.facts: dict[str, str] = {}
-        """What the factsheet of each vehicle says."""
+        self.facts: dict[str, str] = {}  # What the factsheet of each vehicle says
         self.connections: Counter[str] = Counter()
         self._vehicle = vehicle
         self._payload: dict[str, float] = {}
@@ -102,7 +99,7 @@ class _Reader:
         if battery is not None and (charge := _battery(battery)):
             self.batteries.add(vehicle, time, number, charge)
 
-    def _other(self, message: dict[str, Any]) -> None:
+    def _other(self, message: Message) -> None:
         """A message without motion: the state of a connection, a factsheet, an order."""
         kind = next((kind for mark, kind in _KINDS.items() if mark in message), "other")
         self.others[kind] += 1
@@ -111,13 +108,11 @@ class _Reader:
         elif kind == "factsheet" and (facts := _facts(message)):
             self.facts[self._name(message)] = facts
 
-    def _name(self, message: dict[str, Any]) -> str:
+    def _name(self, message: Message) -> str:
         names = (str(message[k]) for k in ("manufacturer", "serialNumber") if message.get(k))
         return self._vehicle or "/".join(names) or "agv"
 
-    def _position(
-        self, message: dict[str, Any], position: dict[str, Any], vehicle: str, time: int, number: int
-    ) -> None:
+    def _position(self, message: Message, position: Message, vehicle: str, time: int, number: int) -> None:
         values = _pose(position, message.get("velocity"))
         if position.get("positionInitialized") is False or position.get("localized") is False:
             self.positions.reject(number, "the vehicle is not localised", position)
@@ -167,7 +162,7 @@ def _message(line: bytes) -> dict[str, Any]:
     return message
 
 
-def _first(message: dict[str, Any], *names: str) -> dict[str, Any] | None:
+def _first(message: Message, *names: str) -> dict[str, Any] | None:
     return next((message[n] for n in names if isinstance(message.get(n), dict)), None)
 
 
@@ -182,7 +177,7 @@ def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
     return values
 
 
-def _labels(message: dict[str, Any], position: dict[str, Any]) -> dict[str, str]:
+def _labels(message: Message, position: dict[str, Any]) -> dict[str, str]:
     given = {
         "map_id": position.get("mapId"), "order_id": message.get("orderId"),
         "operating_mode": message.get("operatingMode"),
@@ -196,7 +191,7 @@ def _quality(position: dict[str, Any]) -> dict[str, float]:
     return {name: value for name, key in pairs if (value := finite(position.get(key))) == value}
 
 
-def _facts(message: dict[str, Any]) -> str:
+def _facts(message: Message) -> str:
     """Series, load and speeds of a factsheet."""
     given = (_first(message, "typeSpecification") or {}) | (_first(message, "physicalParameters") or {})
     known = {k: v for k, v in given.items() if k in _FACTS and isinstance(v, str | int | float)}

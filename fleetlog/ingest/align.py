@@ -8,6 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft2, rfft2
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.spatial import cKDTree
+from scipy.stats import t as student
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
@@ -47,8 +51,6 @@ class _Roads:
     directions share the line."""
 
     def __init__(self, network: Network) -> None:
-        from scipy.spatial import cKDTree
-
         edge, offset = network.stations()
         self.place, self.heading = network.position(edge, offset)[:, :2], network.heading(edge, offset)
         self.normal = np.stack([-np.sin(self.heading), np.cos(self.heading)], axis=1)
@@ -92,10 +94,8 @@ def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "lo
     fits = [_fitted(log, roads, *start) for start in _starts(place, heading, roads)]
     fits.sort(key=lambda f: -f.on_roads)
     best = fits[0]
-    others = (
-        f for f in fits[1:] if _apart(best.pose[:2] - f.pose[:2], best.pose[2] - f.pose[2], APART, TURNED)
-    )
-    runner_up = next((f.on_roads for f in others), 0.0)
+    gaps = ((f.on_roads, best.pose - f.pose) for f in fits[1:])
+    runner_up = next((on for on, gap in gaps if _apart(gap[:2], gap[2], APART, TURNED)), 0.0)
     shift_sd, rotation_sd, times = _deviations(log, roads, best)
     _check(best, runner_up, times * shift_sd, times * rotation_sd)
     x, y = (best.pose[:2] - _turned(log.centre[None], best.pose[2])[0]).tolist()
@@ -107,8 +107,7 @@ def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "lo
     }  # fmt: skip
     pose = f"rotation {np.degrees(frame.rotation):.2f} deg, shift ({x:.2f}, {y:.2f}) m"
     fit = f"median residual {best.residual:.2f} m, {percent(best.on_roads)} on roads"
-    line = f"aligned: {pose}; {fit} (next best {percent(runner_up)})"
-    return Alignment(frame, summary, line)
+    return Alignment(frame, summary, f"aligned: {pose}; {fit} (next best {percent(runner_up)})")
 
 
 def _check(best: _Fit, runner_up: float, shift: float, rotation: float) -> None:
@@ -132,8 +131,6 @@ def _places(tracks: list[tuple[Floats, Floats]], across: float) -> tuple[Floats,
 
     What is farther from the median place than the roads reach ``across`` [m] is no place on them.
     """
-    from scipy.ndimage import gaussian_filter1d
-
     places, headings = [np.zeros((0, 2))], [np.zeros(0)]
     pooled = [np.concatenate([t[i] for t in tracks]) for i in (0, 1)]
     middle = [float(np.median(v[np.isfinite(v)])) if np.isfinite(v).any() else 0.0 for v in pooled]
@@ -156,8 +153,6 @@ def _places(tracks: list[tuple[Floats, Floats]], across: float) -> tuple[Floats,
 
 def _starts(place: Floats, heading: Floats, roads: _Roads) -> list[tuple[float, Floats]]:
     """Rotations and shifts that put most of the log near roads of its direction."""
-    from scipy.fft import irfft2
-
     low, high = roads.place.min(axis=0), roads.place.max(axis=0)
     middle = place.mean(axis=0)
     reach = float(np.hypot(*(place - middle).T).max())
@@ -202,9 +197,6 @@ def _turned(points: Floats, rotation: float) -> Floats:
 
 def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float) -> Complexes:
     """Fourier transforms of where is road (or driven), by direction; every square counts once."""
-    from scipy.fft import rfft2
-    from scipy.ndimage import gaussian_filter
-
     x, y = ((place / cell).astype(np.int64) % side).T
     sector = np.round(heading / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
     picture = np.zeros((SECTORS, side, side), np.float32)
@@ -257,7 +249,6 @@ def _deviations(log: _Log, roads: _Roads, fit: _Fit) -> tuple[float, float, floa
     last count as one (Liang and Zeger, 1986, doi:10.1093/biomet/73.1.13).  The score's derivative is
     numerical, for it must know that places come into reach of a line and leave it.
     """
-    from scipy.stats import t
 
     def score(pose: Floats) -> Floats:
         left, weight, design = _linear(log, roads, pose, NARROW)
@@ -275,7 +266,7 @@ def _deviations(log: _Log, roads: _Roads, fit: _Fit) -> tuple[float, float, floa
     c = inverse @ (blocks.T @ blocks) @ inverse.T * count / (count - 4.0)
     x, y = _turned(log.place - log.centre, _wrapped(fit.pose[2])).T
     square = c[0, 0] + c[1, 1] + 2.0 * (x * c[1, 2] - y * c[0, 2]) + (x * x + y * y) * c[2, 2]
-    return float(np.sqrt(square.max())), float(np.sqrt(c[2, 2])), float(t.ppf(0.995, count - 4.0))
+    return float(np.sqrt(square.max())), float(np.sqrt(c[2, 2])), float(student.ppf(0.995, count - 4.0))
 
 
 def _apart(gap: Floats, turn: float, most: float, most_turn: float) -> bool:

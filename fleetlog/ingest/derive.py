@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.trajectory import Labels, Trajectory
-from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, set_unknown, without
+from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, set_unknown
 
 REACH = 3.0  # A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]
 MAX_REACH = 30.0
@@ -81,9 +81,7 @@ def suspect_unit(ratios: list[float]) -> tuple[str, float] | None:
     return (near[0], ratio) if near else None
 
 
-def fitted_motion(
-    t: Floats, x: Floats, y: Floats, known_speed: Floats | None = None
-) -> tuple[Floats, Floats]:
+def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None) -> tuple[Floats, Floats]:
     """Speed and heading at (N,) times [s] from positions [m]; NaN where there are too few positions.
 
     Least-squares slopes of x and y over time in a window about each row (Savitzky and Golay's first
@@ -99,9 +97,9 @@ def fitted_motion(
     vy, ey = _slopes(t[have], y[have], first, last)
     fast = np.hypot(vx, vy)
     moving = fast > np.maximum(STANDING, 2.0 * np.minimum(np.hypot(ex, ey), 1.0))
-    if known_speed is not None:
+    if logged is not None:
         # A log's own speed knows better whether the truck stands.
-        own = known_speed[have]
+        own = logged[have]
         moving = np.where(np.isnan(own), moving, (own > STANDING) & (fast > STANDING))
     speed[have] = np.minimum(np.where(moving, fast, 0.0), MAX_SPEED)
     speed[have[first == last]] = np.nan
@@ -116,11 +114,9 @@ def _windows(t: Floats) -> tuple[Ints, Ints]:
     two_on = np.minimum(np.searchsorted(t, t + WIDEST, side="right") - 1, rows + 2)
     first = np.minimum.reduce([np.searchsorted(t, t - HALF_WINDOW), two_back, rows - 1])
     last = np.maximum.reduce([np.searchsorted(t, t + HALF_WINDOW, side="right") - 1, two_on, rows + 1])
-    cut = np.flatnonzero(np.diff(t) > MAX_GAP) + 1
-    stretch = np.searchsorted(cut, rows, side="right")
-    return np.maximum(first, np.append(0, cut)[stretch]), np.minimum(
-        last, np.append(cut, len(t))[stretch] - 1
-    )
+    cuts = np.concatenate([[0], np.flatnonzero(np.diff(t) > MAX_GAP) + 1, [len(t)]])
+    stretch = np.searchsorted(cuts, rows, side="right")
+    return np.maximum(first, cuts[stretch - 1]), np.minimum(last, cuts[stretch] - 1)
 
 
 def _slopes(t: Floats, v: Floats, first: Ints, last: Ints) -> tuple[Floats, Floats]:
@@ -163,7 +159,7 @@ def join_channels(rows: Trajectory) -> Trajectory:
         if known.any() and len(base):
             own = np.where(np.isfinite(own), own, interpolated(at, t[known], values[known]))
         base = base.with_columns(**{name: own})
-    return without(base, CHANNEL)
+    return base.without(CHANNEL)
 
 
 def interpolated(at: Floats, t: Floats, values: Floats) -> Floats:
@@ -204,8 +200,7 @@ def release_held(rows: Trajectory) -> Trajectory:
 
 def fill_positions(rows: Trajectory) -> Trajectory:
     """x, y and z of rows between two fixes not too far apart; beyond that they stay unknown."""
-    x = rows.floats("x")
-    known = np.isfinite(x) & np.isfinite(rows.floats("y"))
+    known = np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y"))
     if known.all() or known.sum() < 2:
         return rows
     fraction, before, after = _between(rows, np.flatnonzero(known))

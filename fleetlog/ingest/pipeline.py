@@ -6,8 +6,6 @@ of the engine in use.  Memory is bounded by a stretch whatever the size of the l
 trip begins, so that no trip is torn and matching starts at a standstill.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +13,6 @@ from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fleetlog import engines
 from fleetlog.core.site import MapFrame, Site
@@ -31,9 +28,7 @@ from fleetlog.ingest.rows import Slip, windows
 from fleetlog.ingest.stretch import Plan, import_vehicle, probe
 from fleetlog.ingest.summary import ImportSummary, Outcome, added_up, complete
 from fleetlog.store.documents import provenance
-
-if TYPE_CHECKING:
-    from fleetlog.store.writer import DatasetWriter
+from fleetlog.store.writer import DatasetWriter
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of all that is done, 0 to 1."""
@@ -154,7 +149,7 @@ def _write(
             own[name] = own.get(name, False) or text
     every = _aligned(slips, plan.site, summary) if align else plan.every
     positioned, driven = (
-        frozenset(v for r in reads for v in getattr(r, n)) for n in ("positioned", "driven")
+        frozenset().union(*(getattr(r, n) for r in reads)) for n in ("positioned", "driven")
     )
     plan = probe(replace(plan, own=own, positioned=positioned, driven=driven, every=every), slips)
     writer.site = plan.site
@@ -168,8 +163,7 @@ def _write(
     complete(summary, outcomes)
     check_matched(summary.matched, summary.rows, plan.site)
     every_reject = [*(r.rejects for r in reads), *(o.rejects for o in outcomes)]
-    older = None if writer.old is None else writer.old.path / NAME
-    rejects = gather(every_reject, writer.path, older)
+    rejects = gather(every_reject, writer.path, None if writer.old is None else writer.old.path / NAME)
     summary.rejected, summary.rejected_values = dict(rejects.rows), dict(rejects.values)
     summary.rejected_file = NAME if rejects.file else None
     if not summary.rows:

@@ -12,7 +12,6 @@ from fleetlog.core.site import Frame, MapFrame, Site
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.importers.base import GEOGRAPHIC
-from fleetlog.ingest.rows import without
 
 NO_ROWS = 0.0005  # A smaller share of rows on roads is shown as 0.0 %
 FAR = 3000.0  # A log whose middle lies farther from every road than this is of another place [m]
@@ -36,7 +35,7 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
             x, y = (np.where(np.isfinite(o), o, v) for o, v in zip(own, (x, y), strict=True))
         else:
             rows = rows.with_columns(x_log=own[0], y_log=own[1])
-    return without(rows, "latitude", "longitude").with_columns(x=x, y=y)
+    return rows.without("latitude", "longitude").with_columns(x=x, y=y)
 
 
 def into_site(rows: Trajectory, frames: Sequence[MapFrame], every: MapFrame | None) -> Trajectory:

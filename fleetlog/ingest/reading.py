@@ -20,8 +20,8 @@ from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import geographic
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.errors import FleetlogError
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import EARLIEST
 from fleetlog.importers.base import LOCAL, RawBatch
@@ -77,17 +77,13 @@ def read_group(
         try:
             report, batches = log.read(profile)
             placed = (_geographic(batch, profile) for batch in batches)
-            for good, bad in _sifted(
-                placed, number, report, out.rejects, partial(tell, log) if tell else None
-            ):
+            said = partial(tell, log) if tell else None
+            for good, bad in _sifted(placed, number, report, out.rejects, said):
                 out.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
                 if len(good):
                     spill.add(good)
-                for name, vehicles in (
-                    ("latitude", out.positioned),
-                    ("x", out.positioned),
-                    ("speed", out.driven),
-                ):
+                for name in ("latitude", "x", "speed"):
+                    vehicles = out.driven if name == "speed" else out.positioned
                     if good.vehicle_id not in vehicles and np.isfinite(good.floats(name)).any():
                         vehicles.add(good.vehicle_id)
             rows = spill.rows + out.rejects.rows.total() - before

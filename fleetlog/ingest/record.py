@@ -13,6 +13,7 @@ from urllib.parse import SplitResult, unquote, urlsplit
 
 from fleetlog import interrupt
 from fleetlog.errors import InputError
+from fleetlog.registry import extra
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 FIRST_ANSWER = 20.0  # Seconds in which the broker answers for the first time
@@ -24,8 +25,7 @@ class Capture:
     def __init__(self, topic: str, out: IO[str], most: int | None) -> None:
         self.topic, self.out, self.most = topic, out, most
         self.messages = 0
-        self.reconnects = 0
-        """After the first connection."""
+        self.reconnects = 0  # After the first connection
         self.answered, self.done = threading.Event(), threading.Event()
         self.refused = ""
         self.failure: OSError | None = None
@@ -107,11 +107,7 @@ def _parsed(url: str) -> tuple[SplitResult, str]:
 
 
 def _client(place: SplitResult, client_id: str) -> Any:
-    try:
-        import paho.mqtt.client as mqtt
-    except ImportError:
-        do = 'install it with: pip install "fleetlog[mqtt]"'
-        raise InputError("recording needs paho-mqtt", do=do) from None
+    mqtt = extra("paho.mqtt.client", "mqtt", "recording needs paho-mqtt")
     client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, client_id=client_id, clean_session=False)
     if place.username:
         client.username_pw_set(unquote(place.username), unquote(place.password or ""))

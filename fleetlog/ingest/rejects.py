@@ -37,9 +37,8 @@ class Rejects:
         for r in rejects:
             (self.rows if r.whole else self.values)[r.reason] += 1
             if self.file is not None:
-                self._waiting.append(
-                    (self.names[file], r.record, "row" if r.whole else "value", r.reason, r.text)
-                )
+                kind = "row" if r.whole else "value"
+                self._waiting.append((self.names[file], r.record, kind, r.reason, r.text))
         if len(self._waiting) >= _FLUSH:
             self._flush()
 

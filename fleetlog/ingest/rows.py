@@ -58,11 +58,6 @@ def set_unknown(rows: Trajectory, where: Mask, *names: str) -> Trajectory:
     return rows.with_columns(**{name: np.where(where, np.nan, rows.floats(name)) for name in names})
 
 
-def without(rows: Trajectory, *names: str) -> Trajectory:
-    """A copy without some columns."""
-    return Trajectory(rows.vehicle_id, rows.time, {k: v for k, v in rows.columns.items() if k not in names})
-
-
 def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
     """Rows as they are written: with every own column of the logs, without those of the import.
 
@@ -76,7 +71,7 @@ def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
             new[name] = _as_labels(values, len(rows))
         elif values is None:
             new[name] = np.full(len(rows), np.nan)
-    return without(rows, *INTERNAL).with_columns(**new)
+    return rows.without(*INTERNAL).with_columns(**new)
 
 
 def picture(rows: Trajectory, row: int) -> str:
@@ -110,8 +105,7 @@ class Spill:
     def __init__(self, folder: Path, name: str) -> None:
         self.folder, self.name = folder, name
         self.slips: list[Slip] = []
-        self.own: dict[str, bool] = {}
-        """The log's own columns, and whether each is text."""
+        self.own: dict[str, bool] = {}  # The log's own columns, and whether each is text
         self.rows = 0
         self._waiting: dict[str, list[Trajectory]] = defaultdict(list)
         self._bytes = 0
@@ -133,8 +127,7 @@ class Spill:
             rows = join(waiting)
             path = self.folder / f"{self.name}-{len(self.slips)}.arrow"
             _save(rows, path)
-            first, last = int(rows.time.min()), int(rows.time.max())
-            self.slips.append(Slip(vehicle, path, first, last, len(rows)))
+            self.slips.append(Slip(vehicle, path, int(rows.time.min()), int(rows.time.max()), len(rows)))
         self._waiting.clear()
         self._bytes = 0
         return self.slips

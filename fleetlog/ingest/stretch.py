@@ -18,17 +18,7 @@ from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import (
-    CHANNEL,
-    HELD,
-    STUCK,
-    WINDOW_ROWS,
-    Slip,
-    join,
-    windows,
-    with_own_columns,
-    without,
-)  # fmt: skip
+from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Slip, join, windows, with_own_columns
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
@@ -139,9 +129,8 @@ class VehicleImport:
         if check and len(rows):
             check_place(rows, site, sample)
         # Of a vehicle without positions there is no row that values of other messages go onto.
-        joined = (
-            derive.join_channels(rows) if rows.vehicle_id in self.plan.positioned else without(rows, CHANNEL)
-        )
+        placed = rows.vehicle_id in self.plan.positioned
+        joined = derive.join_channels(rows) if placed else rows.without(CHANNEL)
         self.out.counts["joined"] += len(rows) - len(joined)
         return joined
 

@@ -1,7 +1,5 @@
 """What an import did, as figures and as lines for a person."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -10,7 +8,7 @@ from typing import Any
 
 from fleetlog.core.words import count
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport
 from fleetlog.ingest.derive import suspect_unit
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.store.trips import Columns, contents_of, trips_of
@@ -30,7 +28,7 @@ class FileSummary:
     damage: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, report: ReadReport, name: str, rows: int) -> FileSummary:
+    def of(cls, report: ReadReport, name: str, rows: int) -> "FileSummary":
         """A log that was read."""
         return cls(name, report.format, rows, report.recognised, report.notes, report.damage)
 
@@ -157,9 +155,8 @@ def _notes(counts: Counter[str], paces: list[float]) -> list[str]:
     """What a person should know of the sensors."""
     out = []
     if counts["stuck"]:
-        out.append(
-            f"{counts['stuck']:,} values of speed, power or current are unknown: their sensor was stuck"
-        )
+        what = "values of speed, power or current are unknown: their sensor was stuck"
+        out.append(f"{counts['stuck']:,} {what}")
     if counts["held"]:
         where = "placed between the fixes by the distance driven"
         out.append(f"{counts['held']:,} rows repeat a position while the truck moves: {where}")

@@ -1,13 +1,18 @@
-"""``fleetlog learn``: a site from a recording alone, every element with its evidence."""
+"""``fleetlog learn``: a site from a recording alone, every element with its evidence.
+
+Of an existing map it tells what it lacks: roads that are driven and not in it, one-way roads driven against.
+"""
 
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from fleetlog.core.arrays import Ints
 from fleetlog.core.network import Network, build_network
@@ -16,13 +21,10 @@ from fleetlog.core.site import Frame, Site
 from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import SIDE, Cells, gather, moving
-from fleetlog.learn.compare import proposals, sentence
-from fleetlog.learn.evidence import SPEED_STEP, Evidence
 from fleetlog.learn.places import slow_zones, with_places
-from fleetlog.learn.roads import Roads, Settings, learn_roads
+from fleetlog.learn.roads import SPEED_STEP, Evidence, Roads, Settings, learn_roads
 from fleetlog.store.dataset import Dataset
-from fleetlog.store.results import write_result
-from fleetlog.store.site_files import write_site
+from fleetlog.store.results import write_result, write_site
 
 COLUMNS = ("x", "y", "speed", "heading")
 FREE = 0.95  # share of the rows on a road that are no faster than its speed limit as driven
@@ -177,3 +179,53 @@ def _traces(cells: Cells) -> Grid:
     metres, _, _ = np.histogram2d(cells.y, cells.x, edges, weights=cells.weight)
     metres[metres <= 0.0] = np.nan
     return Grid("traces", np.log10(metres), x0, y0, side, "log10 of metres driven")
+
+
+NEAR = 3.0  # a learned road within this of one of the map is that one [m]
+ALIKE = np.cos(np.radians(45.0))
+STEP = 1.0
+SHORTEST = 5.0  # a shorter stretch is no proposal [m]
+SAME, NONE = -2, -1  # where the map has the road, and where it has none
+
+
+def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[dict[str, Any]]:
+    """The stretches that ``known`` has not, or for the other direction only, those with most passes first.
+
+    ``begin`` and ``end`` are offsets on a learned edge, ``x`` and ``y`` the middle of a stretch [m].
+    """
+    edge, there = known.stations(STEP)
+    mine, offset = learned.stations(STEP)
+    heading, facing = known.heading(edge, there), learned.heading(mine, offset)
+    points = learned.position(mine, offset)[:, :2]
+    other = np.full(len(mine), SAME)
+    near = cKDTree(known.position(edge, there)[:, :2]).query_ball_point(points, NEAR)
+    for i, beside in enumerate(near):
+        turn = np.cos(heading[beside] - facing[i]) if beside else np.zeros(0)
+        if not (turn > ALIKE).any():
+            against = np.flatnonzero(turn < -ALIKE)
+            other[i] = edge[beside[against[0]]] if len(against) else NONE
+    found, state = [], np.minimum(other, 0)
+    change = np.flatnonzero((np.diff(mine) != 0) | (np.diff(state) != 0)) + 1
+    for a, b in pairwise([0, *change.tolist(), len(mine)]):
+        if state[a] == SAME or offset[b - 1] - offset[a] + STEP < SHORTEST:
+            continue
+        row, middle = evidence.iloc[int(mine[a])], (a + b) // 2
+        found.append({
+            "kind": "missing road" if state[a] == NONE else "wrong one-way",
+            "edge_id": learned.edge_ids[mine[a]],
+            "of_map": "" if state[a] == NONE else known.edge_ids[other[middle]],
+            "begin": float(offset[a]), "end": float(offset[b - 1]),
+            "x": float(points[middle, 0]), "y": float(points[middle, 1]),
+            **{name: int(row[name]) for name in ("passes", "trucks", "days")},
+        })  # fmt: skip
+    return sorted(found, key=lambda p: (-p["passes"], p["edge_id"], p["begin"]))
+
+
+def sentence(proposal: dict[str, Any]) -> str:
+    """A proposal for a person."""
+    if proposal["kind"] == "wrong one-way":
+        what = "{of_map} is one-way in the map and driven against it at ({x:.0f}, {y:.0f})"
+    else:
+        length = proposal["end"] - proposal["begin"]
+        what = f"a road of {length:.0f} m is missing at ({{x:.0f}}, {{y:.0f}}) ({{edge_id}})"
+    return (what + ": {passes} passes of {trucks} trucks on {days} days").format(**proposal)

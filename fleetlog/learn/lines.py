@@ -1,7 +1,5 @@
 """The floor that is road: a picture of the gathered cells, its middle lines, and these as a graph."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import networkx as nx
@@ -90,7 +88,7 @@ class Chain:
         """Metres."""
         return float(way(self.points)[-1])
 
-    def reversed(self) -> Chain:
+    def reversed(self) -> "Chain":
         """The same road from its other end."""
         return Chain(self.end, self.start, self.points[::-1])
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.compiling import fast_inner, fast_outer
 from fleetlog.core.arrays import Floats, Index
 from fleetlog.core.network import Network
-from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.decoding import ensure_all
 from fleetlog.roads.kernels.distances import new_store, roomier
 from fleetlog.roads.kernels.records import Candidates, Grid, Groups, Roads, Store, Wide
@@ -57,18 +57,15 @@ def _prepare(network: Network) -> Prepared:
     rank[np.argsort(np.array(network.edge_ids))] = np.arange(len(network))
     first = network.first.astype(np.int64)
     owner = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first))
-    x, y, away, length = (
-        np.ascontiguousarray(v)
-        for v in (network.points[:, 0], network.points[:, 1], network.distance, network.length)
-    )
+    lines = *network.points[:, :2].T, network.distance, network.length
+    x, y, away, length = (np.ascontiguousarray(v) for v in lines)
     # the reverse of an edge where it is the very same line, else -1
     twin = np.full(len(network), -1, np.int32)
     for e, back in enumerate(network.reverse.tolist()):
         if back > e and np.array_equal(network.polyline(e), network.polyline(back)[::-1]):
             twin[e], twin[back] = back, e
-    reverse, onward, follow = (
-        v.astype(np.int32) for v in (network.reverse, network.next_first, network.next_edges)
-    )
+    turns = network.reverse, network.next_first, network.next_edges
+    reverse, onward, follow = (v.astype(np.int32) for v in turns)
     roads = Roads(x, y, first, away, owner, length, reverse, twin, onward, follow, rank)
     return Prepared(roads, _grid(roads), new_store(len(network), len(follow)))
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.roads.kernels.grouping import find_stops, group_means, group_points
+from fleetlog.roads.kernels.grouping import find_stops, group_points
 from fleetlog.roads.kernels.records import Groups, Track
 
 STANDING_SPEED = 0.1  # a log speed below this is a standstill [m/s]
@@ -138,15 +138,24 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     by_position = np.sqrt(np.maximum(chord**2 - blur, 0.0))
     moved = np.where(np.isfinite(np.diff(s)), np.diff(s), by_position)
     # a heading may point against the motion, so only its axis counts
-    axis = np.vstack([c2, s2])
-    return Groups(first, t, x, y, np.append(moved, 0.0), axis, still, track.chain[first[:-1]])
+    return Groups(first, t, x, y, np.append(moved, 0.0), np.vstack([c2, s2]), still, track.chain[first[:-1]])
 
 
-def _means(track: Track, first: Ints, travelled: Floats) -> Floats:
-    """(6, G) means of groups; see the kernel."""
-    out = np.empty((6, len(first) - 1))
-    group_means(first, track, travelled, out)
-    return out
+def _means(track: Track, first: Ints, travelled: Floats) -> tuple[Floats, ...]:
+    """(G,) means of groups: time, x, y, travelled distance, cosine and sine of twice the log's heading.
+
+    Both are 0 where no row of a group knows its heading.
+    """
+    start, size, known = first[:-1], np.diff(first), np.isfinite(track.heading)
+
+    def mean(values: Floats) -> Floats:  # about the first of a group: large coordinates lose no digits
+        begin = values[start]
+        return np.asarray(begin + np.add.reduceat(values - np.repeat(begin, size), start) / size)
+
+    count = np.maximum(np.add.reduceat(known.astype(np.float64), start), 1.0)
+    twice = np.where(known, 2.0 * track.heading, np.nan)
+    axis = (np.add.reduceat(np.nan_to_num(f(twice)), start) / count for f in (np.cos, np.sin))
+    return *map(mean, (track.t, track.x, track.y, travelled)), *axis
 
 
 def _travelled(track: Track) -> Floats:
@@ -155,5 +164,4 @@ def _travelled(track: Track) -> Floats:
     if known.mean() < 0.9:
         return np.full(len(track.t), np.nan)
     v = np.interp(track.t, track.t[known], track.speed[known])
-    steps = 0.5 * (v[1:] + v[:-1]) * np.diff(track.t)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.t))])

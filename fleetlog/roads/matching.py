@@ -90,12 +90,10 @@ def match(trajectory: Trajectory, network: Network, parameters: MatchParameters 
     return found
 
 
-def estimate_parameters(
-    trajectory: Trajectory, network: Network, parameters: MatchParameters | None = None
-) -> MatchParameters:
-    """``parameters`` with everything that is NaN estimated from the trajectory, by match and residual."""
+def estimate_parameters(trajectory: Trajectory, network: Network) -> MatchParameters:
+    """Everything that is NaN by default, estimated from the trajectory by match and residual."""
     track, _, _ = grouping.track_of(trajectory)
-    wanted = parameters or MatchParameters()
+    wanted = MatchParameters()
     return _estimated(track, prepare(network), wanted) if len(track.t) else wanted
 
 
@@ -114,7 +112,7 @@ def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> Mat
         guess = _with_reach(guess, wanted)
         groups = grouping.group_track(some, guess.noise, guess.sigma)
         before = guess.sigma
-        guess = replace(guess, **{**_residual_estimates(some, groups, prepared, guess), **fixed})
+        guess = replace(guess, **{**_from_residuals(some, groups, prepared, guess), **fixed})
         if abs(guess.sigma - before) < 0.05 * before:
             break
     return _with_reach(guess, wanted)
@@ -134,9 +132,7 @@ def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
     return float(np.clip(1.4826 * np.median(np.abs(value[1, ptr[:-1][some]])), max(0.3, 0.5 * noise), 20.0))
 
 
-def _residual_estimates(
-    track: Track, groups: Groups, prepared: Prepared, p: MatchParameters
-) -> dict[str, float]:
+def _from_residuals(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> dict[str, float]:
     """sigma, noise, beta and persistence from the residuals of a match with ``p``."""
     near, choice, _ = _decode(groups, prepared, p)
     on = choice.chosen >= 0
@@ -167,17 +163,15 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Can
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
     emission, roads = np.empty(len(near.edge)), prepared.roads
-    emission_costs(
-        near, *grouping.direction_of(groups, p.sigma), groups.axis, roads.reverse, spread, weight, emission
-    )
+    ahead = grouping.direction_of(groups, p.sigma)
+    emission_costs(near, *ahead, groups.axis, roads.reverse, spread, weight, emission)
     # off the roads costs as much as a road at the edge of what is believable, and never less than 5 sigma
     off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
     costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off)
     count = len(groups.t)
     choice = Choice(np.full(count, -1), np.zeros(len(near.edge)), np.zeros(count), np.zeros(count, np.bool_))
     prepared.reach(near, groups, costs.beta)
-    room = scratch(near, len(roads.length))
-    decode(prepared.store, roads, near, emission, groups, costs, choice, room)
+    decode(prepared.store, roads, near, emission, groups, costs, choice, scratch(near, len(roads.length)))
     return near, choice, costs.back
 
 

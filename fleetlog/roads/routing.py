@@ -12,6 +12,7 @@ from fleetlog.core.arrays import Floats, Index, Mask
 from fleetlog.core.network import Network
 from fleetlog.errors import DataError
 
+DEFAULT_SPEED = 5.0  # On edges without a limit [m/s]
 BOUNDS = 256  # targets whose lower bounds are kept
 
 
@@ -30,8 +31,7 @@ class Router:
     Parameters
     ----------
     network : the roads.
-    speed : (E,) m/s to plan with; by default the limit, and ``default_speed`` where it is unknown.
-    default_speed : m/s.
+    speed : (E,) m/s to plan with; by default the limit, and ``DEFAULT_SPEED`` where it is unknown.
     turn_time : s charged for every change of heading, by its share of a half turn (0 at straight on).
 
     Notes
@@ -41,16 +41,10 @@ class Router:
     every machine.
     """
 
-    def __init__(
-        self,
-        network: Network,
-        speed: Floats | None = None,
-        default_speed: float = 5.0,
-        turn_time: float = 0.0,
-    ) -> None:
+    def __init__(self, network: Network, speed: Floats | None = None, turn_time: float = 0.0) -> None:
         limit = network.speed_limit if speed is None else np.asarray(speed, dtype=np.float64)
         self.network = network
-        self.speed = np.where(np.isfinite(limit) & (limit > 0.0), limit, default_speed)
+        self.speed = np.where(np.isfinite(limit) & (limit > 0.0), limit, DEFAULT_SPEED)
         self.time = network.length / self.speed
         self._starts = network.points[network.first[:-1]]
         before = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(network.next_first))

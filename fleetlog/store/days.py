@@ -208,7 +208,6 @@ def unpack(data: bytes, kinds: Iterable[type] = ()) -> Any:
 
     try:
         arrays = io.BytesIO(zlib.decompress(data))
-        head = arrays.read(int.from_bytes(arrays.read(8), "little"))
-        return json.loads(head, object_hook=made)
+        return json.loads(arrays.read(int.from_bytes(arrays.read(8), "little")), object_hook=made)
     except (zlib.error, LookupError, TypeError) as error:
         raise ValueError(f"not plain data: {error}") from None

@@ -3,14 +3,13 @@
 ``dataset.json`` names those that a dataset has under ``tables``; an import has no such key.
 """
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
@@ -19,11 +18,7 @@ from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.columns import ARROW, Column
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import InputError
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from fleetlog.store.dataset import Dataset
+from fleetlog.store.dataset import Dataset
 
 Name = Literal["tasks", "activities", "reservations", "ways", "bays"]
 

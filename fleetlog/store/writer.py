@@ -1,7 +1,5 @@
 """Writing a dataset: Parquet parts by day and vehicle, trips, description; whole or not at all."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -71,7 +70,7 @@ class DatasetWriter:
     def create(
         cls, target: str | Path, kind: Kind, site: Site, *, overwrite: bool = False,
         inputs: Iterable[Path] = (),
-    ) -> Iterator[DatasetWriter]:  # fmt: skip
+    ) -> Iterator["DatasetWriter"]:  # fmt: skip
         """A writer whose dataset appears as ``target`` when the block ends well; ``inputs`` are read."""
         if is_url(target):
             place = uploaded(located(target), overwrite=overwrite)
@@ -84,7 +83,7 @@ class DatasetWriter:
 
     @classmethod
     @contextmanager
-    def append(cls, target: str | Path, *, inputs: Iterable[Path] = ()) -> Iterator[DatasetWriter]:
+    def append(cls, target: str | Path, *, inputs: Iterable[Path] = ()) -> Iterator["DatasetWriter"]:
         """A writer whose rows are added to the recorded dataset ``target`` when the block ends well.
 
         No file of its rows is written again: the new dataset takes the place of the older one at once, and
@@ -153,8 +152,6 @@ class DatasetWriter:
 
     def finish(self) -> None:
         """Write trips, site and description; :meth:`create` calls it."""
-        import pandas as pd
-
         trips, (rows, start, end), site = trips_of(self.pieces), contents_of(self.pieces), self.site
         trips, columns = trips[trips.trip_id >= 0], {"vehicle_id": "", **self.columns}
         if self.old is not None:

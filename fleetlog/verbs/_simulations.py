@@ -161,9 +161,8 @@ def _mission(asked: Asked, writer: DatasetWriter) -> Told:
 
 
 def _cycle(asked: Asked, writer: DatasetWriter) -> Told:
-    watts = run_cycle(
-        asked.cycle, asked.truck, asked.duration, writer, asked.physics, _start(asked), asked.soc
-    )
+    a, begin = asked, _start(asked)
+    watts = run_cycle(a.cycle, a.truck, a.duration, writer, a.physics, begin, a.soc)
     line = f"{asked.cycle}: {watts / 1000.0:.3f} kWh/h at the battery"
     return {"cycle": asked.cycle, "mean_power_w": watts}, [line]
 

@@ -53,7 +53,7 @@ def import_(
     paths = [as_path(log) for log in cast("Sequence[LogsLike]", logs)]
     read: dict[str, Any] = {"format": format, "profile": None if profile is None else existing(profile)}
     if dry_run:
-        from fleetlog.ingest.preview import preview
+        from fleetlog.ingest.files import preview
 
         shown = preview(paths, **read)
         return Answer("import", shown.to_dict(), lines=shown.lines(), status=shown.exit_status)

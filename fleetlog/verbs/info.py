@@ -154,7 +154,7 @@ def _events(dataset: Dataset) -> Figures:
 
 def _log(path: Path) -> Figures:
     from fleetlog.importers._guard import read_guarded
-    from fleetlog.importers._report import ReadReport
+    from fleetlog.importers._open import ReadReport
     from fleetlog.importers.base import GEOGRAPHIC, LOCAL, ReadOptions, detect
 
     importer = detect(path)

@@ -80,7 +80,5 @@ def _drawn(path: Path) -> Path:
         what = f"is a {summary['kind']}: nothing to draw"
         raise InputError(what, where=path, do="name a dataset, an analysis, a map, a site or a log")
     site = as_site(path)
-    target = scratch.folder() / "site.rrd"
-    return write_result_recording(
-        Result(site.name, {}, lines=[line.strip() for line in told(summary)]), site, target
-    )
+    shown = Result(site.name, {}, lines=[line.strip() for line in told(summary)])
+    return write_result_recording(shown, site, scratch.folder() / "site.rrd")

@@ -99,8 +99,8 @@ def test_small_work_stays_here():
 
 def test_an_address_where_nobody_is():
     pytest.importorskip("distributed")
-    from fleetlog.engines import cluster
+    from fleetlog.engines import engine
 
-    cluster.TIMEOUT = 1
+    engine.TIMEOUT = 1
     with pytest.raises(InputError, match="no Dask scheduler"), engines.using(scheduler="tcp://127.0.0.1:9"):
         pass

@@ -10,7 +10,7 @@ import pytest
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import DataError, InputError, OutputError
 from fleetlog.exporters.base import export_dataset, exporters
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers.base import ReadOptions, detect
 from fleetlog.store import Dataset
 

@@ -13,7 +13,7 @@ import pytest
 
 from fleetlog.exporters.base import export_dataset
 from fleetlog.importers import sumo_fcd
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers.base import ReadOptions
 
 sumo = pytest.importorskip("sumo", reason="the wheel eclipse-sumo is not installed")

@@ -13,8 +13,8 @@ from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import load_truck
 from fleetlog.errors import FleetlogError
 from fleetlog.importers._guard import read_guarded
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import load_profile
-from fleetlog.importers._report import ReadReport
 from fleetlog.importers.base import Importer, ReadOptions, detect
 from fleetlog.ingest.pipeline import import_logs
 from fleetlog.physics.model import load_physics

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fleetlog.core.trajectory import Labels
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers.base import Importer, ReadOptions, detect
 
 

@@ -16,11 +16,10 @@ from hypothesis import strategies as st
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError, InputError
 from fleetlog.importers import _csv_blocks
-from fleetlog.importers._csv_cells import one_angle
-from fleetlog.importers._names import recognise
+from fleetlog.importers._csv_clock import one_angle
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile, profile_from_dict
-from fleetlog.importers._report import ReadReport
-from fleetlog.importers._units import UNITS, find_unit, packed_minutes
+from fleetlog.importers._units import UNITS, find_unit, packed_minutes, recognise
 from fleetlog.importers.base import RawBatch, ReadOptions, detect
 
 HEADER = "vehicle_id,timestamp,x,y,speed\n"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers.base import RawBatch, ReadOptions, detect
 
 START = 1_772_427_600

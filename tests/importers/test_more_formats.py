@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers.base import ReadOptions, detect
 
 TCX = """<TrainingCenterDatabase xmlns="http://www.garmin.com/xmlschemas/TrainingCenterDatabase/v2"><Activities><Activity><Lap><Track>

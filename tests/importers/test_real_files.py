@@ -12,7 +12,7 @@ import pytest
 from log_reading import read_log
 
 from fleetlog.errors import FleetlogError
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers.base import ReadOptions, detect, find
 
 # Rows with a position, or a part of the refusal.  The counts of NMEA and GPX are compared with pynmeagps and gpxpy below.

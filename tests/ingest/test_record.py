@@ -106,7 +106,7 @@ def test_every_message_is_captured_and_imported(tmp_path):
     assert done and done[0].messages == count
     assert sorted(headers(out)) == list(range(count))
     (tmp_path / "log.jsonl").write_text(out.getvalue())
-    from fleetlog.importers._report import ReadReport
+    from fleetlog.importers._open import ReadReport
     from fleetlog.importers.base import ReadOptions, detect
 
     path = tmp_path / "log.jsonl"

@@ -48,7 +48,7 @@ def test_a_star_is_as_quick_as_dijkstra(seed):
     network = random_network(seed)
     rng = np.random.default_rng(seed)
     closed = {int(c) for c in rng.choice(len(network), 3, replace=False)}
-    router = Router(network, default_speed=3.0)
+    router = Router(network, np.full(len(network), 3.0))
     reference = graph(network, router.time, closed)
     for source in range(0, len(network), 5):
         best = nx.single_source_dijkstra_path_length(reference, source, weight="w")
@@ -104,7 +104,7 @@ def test_of_two_equal_ways_the_first_in_the_map_is_taken(order):
 
 def test_a_route_to_the_edge_itself_is_that_edge():
     network = equal_ways("bc")
-    route = Router(network, default_speed=3.0).route(0, 0)
+    route = Router(network, np.full(len(network), 3.0)).route(0, 0)
     assert list(route.edges) == [0] and route.cost == pytest.approx(3.0)
 
 

@@ -15,7 +15,7 @@ from fleetlog.roads.load import load_site
 from fleetlog.simulate.state import Trucks
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store.events import read_table
-from fleetlog.store.site_files import write_site
+from fleetlog.store.results import write_site
 
 PLACES = [
     place(1, "pick", 15, 3),

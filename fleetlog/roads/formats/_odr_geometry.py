@@ -21,20 +21,10 @@ _TABLE = 513
 MOST = 200_000  # vertices of one line
 
 
-def arc(curvature: float) -> Curve:
-    """u = sin(k s) / k, v = (1 - cos(k s)) / k with k = ``curvature`` [1/m], left positive; 0 is straight."""
-
-    def curve(ds: Floats) -> tuple[Floats, Floats, Floats]:
-        turn = curvature * ds
-        # sinc keeps every digit where the turn is small.
-        half = np.sinc(turn / (2.0 * np.pi)) * ds
-        return half * np.cos(turn / 2.0), half * np.sin(turn / 2.0), turn
-
-    return curve
-
-
 def spiral(start: float, end: float, length: float) -> Curve:
-    """Curvature [1/m] linear in s from ``start`` to ``end``: h = k0 s + (k1 - k0) s^2 / (2 L), integrated.
+    """Curvature [1/m], left positive, linear in s from ``start`` to ``end``; equal ones are an arc, 0 a line.
+
+    The heading h = k0 s + (k1 - k0) s^2 / (2 L) is integrated.
 
     Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length for all
     curvatures, where Fresnel integrals lose digits as k1 approaches k0.

@@ -115,11 +115,11 @@ def _piece(element: Element) -> geo.Piece:
         return geo.Piece(s, x, y, heading, length, _SHAPES[str(shape.tag)](shape, max(length, 1e-9)))
 
 
-def _curvature(e: Element, name: str, length: float) -> float:
-    curvature = _floats(e, name)[0]
-    if abs(curvature) * length > TIGHTEST:
-        raise SiteError(f"curvature {curvature:g} 1/m over {length:g} m", do=AGAIN)
-    return curvature
+def _bend(element: Element, length: float, *names: str) -> geo.Curve:
+    start, end = _floats(element, *names)
+    if abs(most := max(start, end, key=abs)) * length > TIGHTEST:
+        raise SiteError(f"curvature {most:g} 1/m over {length:g} m", do=AGAIN)
+    return geo.spiral(start, end, length)
 
 
 def _param_poly3(e: Element, length: float) -> geo.Curve:
@@ -133,19 +133,16 @@ def _param_poly3(e: Element, length: float) -> geo.Curve:
 
 
 _SHAPES: dict[str, Callable[[Element, float], geo.Curve]] = {
-    "line": lambda e, length: geo.arc(0.0),
-    "arc": lambda e, length: geo.arc(_curvature(e, "curvature", length)),
-    "spiral": lambda e, length: geo.spiral(
-        _curvature(e, "curvStart", length), _curvature(e, "curvEnd", length), length
-    ),
+    "line": lambda e, length: geo.spiral(0.0, 0.0, length),
+    "arc": lambda e, length: _bend(e, length, "curvature", "curvature"),
+    "spiral": lambda e, length: _bend(e, length, "curvStart", "curvEnd"),
     "poly3": lambda e, length: geo.poly3(np.array(_floats(e, *"abcd")), length),
     "paramPoly3": _param_poly3,
 }
 
 
 def _cubics(elements: Iterable[Element], key: str = "s", add: float = 0.0) -> geo.Cubics:
-    rows = sorted(_floats(e, key, *"abcd") for e in elements)
-    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    table = np.array(sorted(_floats(e, key, *"abcd") for e in elements), dtype=np.float64).reshape(-1, 5)
     return geo.Cubics(table[:, 0] + add, table[:, 1:])
 
 

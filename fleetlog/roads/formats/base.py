@@ -106,8 +106,7 @@ class Tally:
             raise SiteError(nothing, do=do)
         if self.idle:
             self.notes.append(f"{self.idle} stations are left out: no action says what is done there")
-        dropped = dict(sorted(self.dropped.items()))
-        report = LoadReport(name, self.read, self.kept, dropped, tuple(self.notes))
+        report = LoadReport(name, self.read, self.kept, dict(sorted(self.dropped.items())), tuple(self.notes))
         return RoadMap(self.edges, report, places=tuple(self.places.values()), **more)
 
 

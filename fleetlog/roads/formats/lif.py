@@ -35,10 +35,8 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     tally, data = Tally(), read_json(path)
     if not isinstance(data, dict) or not isinstance(data.get("layouts"), list):
         raise SiteError("has no layouts", do="give a LIF file")
-    nodes, edges, stations = (
-        [item for layout in _list(data, "layouts") for item in _list(layout, key)]
-        for key in ("nodes", "edges", "stations")
-    )
+    keys, layouts = ("nodes", "edges", "stations"), _list(data, "layouts")
+    nodes, edges, stations = ([item for layout in layouts for item in _list(layout, k)] for k in keys)
     for raw in nodes:
         if not isinstance(raw.get("nodePosition"), dict):
             place = f"node {raw.get('nodeId')}"

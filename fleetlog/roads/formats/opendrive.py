@@ -79,8 +79,7 @@ def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> Non
     for road in roads.values():
         edges = [*_lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped)]
         if not all((np.abs(edge.points) <= HUGE).all() for edge in edges):
-            place = f"road {road.id}"
-            raise SiteError("its lanes lie beyond the earth", place=place, do="correct the map")
+            raise SiteError("its lanes lie beyond the earth", place=f"road {road.id}", do="correct the map")
         tally.edges += edges
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))

@@ -2,6 +2,11 @@
 
 A way ``123`` that meets no other in its middle is the road ``123``, else its parts are ``123:0``, ``123:1``
 ...  Source of the tags: wiki.openstreetmap.org, Key:highway, Key:oneway, Relation:restriction.
+
+Lanelet2 maps are OSM XML whose relations are lanelets, read by that library (the extra ``lanelet2``).  A
+lanelet that vehicles may use is an edge along its centre line, one that goes both ways two; lanelets follow
+one another where they share the end points of both bounds.  Positions are the latitudes and longitudes of the
+file.  Limits are those that the map states; changes between lanes are left out.
 """
 
 import math
@@ -9,16 +14,20 @@ import re
 from collections import Counter, defaultdict
 from itertools import groupby, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, reversed_edge
-from fleetlog.roads.formats import _lanelets
+from fleetlog.errors import SiteError
+from fleetlog.registry import extra
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import SPEED_UNITS, MapOptions, Reader, RoadMap, Tally, spot
+from fleetlog.roads.formats.base import KMH, SPEED_UNITS, MapOptions, Reader, RoadMap, Tally, spot
 
 Tags = dict[str, str]
+Spots = dict[str, Floats]
+Way = tuple[str, list[str], Tags]  # Id, nodes and tags
 
 DRIVEN = frozenset({
     "motorway", "motorway_link", "trunk", "trunk_link", "primary", "primary_link", "secondary",
@@ -32,8 +41,8 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     """Read an OSM extract; see the module."""
     tally = Tally()
     root = parse_xml(path, "osm", tally.notes)
-    if _lanelets.holds_lanelets(root):
-        return _lanelets.read(path)
+    if root.find("relation/tag[@k='type'][@v='lanelet']") is not None:
+        return _lanelet_map(path)
     nodes = {str(n.get("id")): n for n in root.iterfind("node") if _alive(n)}
     spots = {name: spot(n.get("lon"), n.get("lat"), f"node {name}") for name, n in nodes.items()}
     ways = _ways(root, options.road_classes or DRIVEN, spots, tally)
@@ -56,10 +65,8 @@ def _alive(element: Element) -> bool:
     return bool(element.get("visible") != "false" and element.get("action") != "delete")
 
 
-def _ways(
-    root: Element, driven: frozenset[str], spots: dict[str, Floats], tally: Tally
-) -> list[tuple[str, list[str], Tags]]:
-    """Id, nodes and tags of the driven ways."""
+def _ways(root: Element, driven: frozenset[str], spots: Spots, tally: Tally) -> list[Way]:
+    """The driven ways."""
     out, cut = [], 0
     for element in root.iterfind("way"):
         tags = _tags(element)
@@ -89,9 +96,7 @@ def _reason(tags: Tags, driven: frozenset[str]) -> str:
     return "closed to traffic" if closed else ""
 
 
-def _edges(
-    way: str, chain: list[str], tags: Tags, uses: Counter[str], spots: dict[str, Floats]
-) -> list[Edge]:
+def _edges(way: str, chain: list[str], tags: Tags, uses: Counter[str], spots: Spots) -> list[Edge]:
     """The parts of a way between the nodes that it shares, in the directions in which they are driven."""
     implied = "yes" if tags.get("junction") == "roundabout" or tags["highway"] == "motorway" else "no"
     oneway = tags.get("oneway", implied)
@@ -149,6 +154,47 @@ def osm_speed(text: str) -> float:
     values = [_SPEED.match(part.strip(" '\"[]")) for part in re.split(r"[;,|]", text)]
     speeds = [float(m[1]) * SPEED_UNITS[m[2] or "km/h"] for m in values if m]
     return min((s for s in speeds if s > 0.0), default=math.nan)
+
+
+def _lanelet_map(path: Path) -> RoadMap:
+    """The lanelets of a map."""
+    extra("lanelet2", "lanelet2", "reading Lanelet2 maps needs lanelet2", error=SiteError)
+    from lanelet2 import io, projection, traffic_rules
+
+    # Any origin does: what is projected here is taken back to degrees.
+    projector = projection.MercatorProjector(io.Origin(0.0, 0.0))
+    try:
+        found, errors = io.loadRobust(str(path), projector)
+    except (RuntimeError, ValueError) as error:
+        why = " ".join(str(error).split())[:120]
+        raise SiteError(f"cannot be read as a Lanelet2 map ({why})", do="correct the file") from None
+    tally = Tally(notes=[" ".join(str(e).split())[:160] for e in list(errors)[:5]])
+    rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
+    for lanelet in sorted(found.laneletLayer, key=lambda lanelet: lanelet.id):
+        if len(lanelet.centerline) < 2 or not rules.canPass(lanelet):
+            tally.dropped["not for vehicles" if len(lanelet.centerline) > 1 else "without length"] += 1
+            continue
+        edge = _lanelet(lanelet, projector, rules)
+        tally.keep(edge, *([] if rules.isOneWay(lanelet) else [reversed_edge(edge)]))
+    nothing, do = f"no lanelet that vehicles may use ({tally.read} read)", "tag them for vehicles"
+    return tally.road_map("Lanelet2", nothing, do, geographic=True)
+
+
+def _lanelet(lanelet: Any, projector: Any, rules: Any) -> Edge:
+    """A lanelet along its centre line; its nodes are the points at which both bounds begin and end."""
+    from lanelet2.core import BasicPoint3d, SpeedLimit
+
+    back = [projector.reverse(BasicPoint3d(p.x, p.y, p.z)) for p in lanelet.centerline]
+    line = np.array([(g.lon, g.lat, g.alt) for g in back]).reshape(-1, 3)
+    if not np.isfinite(line).all():
+        raise SiteError("a position is not a number", place=f"lanelet {lanelet.id}", do="correct the map")
+    # The defaults of a country are not the plant's.
+    stated = "speed_limit" in lanelet.attributes
+    stated = stated or any(isinstance(r, SpeedLimit) for r in lanelet.regulatoryElements)
+    limit = float(rules.speedLimit(lanelet).speedLimit) * KMH if stated else math.nan
+    left, right, name = lanelet.leftBound, lanelet.rightBound, str(lanelet.id)
+    start, end = (f"{left[k].id}-{right[m].id}" for k, m in ((0, 0), (len(left) - 1, len(right) - 1)))
+    return Edge(name, start, end, line, name, limit)
 
 
 READER = Reader("OSM XML", (".osm",), "<osm", read)

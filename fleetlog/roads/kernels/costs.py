@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.compiling import fast_inner, fast_outer
 from fleetlog.core.arrays import Floats, Index
-from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.records import Candidates, Costs, Roads, Store, Wide
 
 JUMP = 12.0  # cost of two groups on roads that no path connects: the chain starts anew

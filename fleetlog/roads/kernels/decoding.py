@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.compiling import fast_inner, fast_outer
 from fleetlog.core.arrays import Floats
-from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, LEAVE, LEFT, RARE, reach_of, step_costs
 from fleetlog.roads.kernels.distances import ensure
 from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Groups, Roads, Store, Wide

@@ -4,9 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.compiling import kernel
+from fleetlog.compiling import inner, kernel
 from fleetlog.core.arrays import Floats, Index
-from fleetlog.roads.kernels.compiling import inner
 from fleetlog.roads.kernels.records import Roads, Store
 
 

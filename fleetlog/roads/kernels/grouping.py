@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.compiling import outer
 from fleetlog.core.arrays import Floats, Mask
-from fleetlog.roads.kernels.compiling import outer
 from fleetlog.roads.kernels.records import Track, Wide
 
 
@@ -28,30 +28,6 @@ def group_points(track: Track, span: float, standing_speed: float, first: Wide, 
         count += 1
     first[count] = n
     return count
-
-
-@outer
-def group_means(first: Wide, track: Track, travelled: Floats, out: Floats) -> None:
-    """Means into ``out`` (6, G): time, x, y, travelled distance, cos and sin of twice the log's heading."""
-    t, x, y, heading = track.t, track.x, track.y, track.heading
-    for g in range(len(first) - 1):
-        a, b = first[g], first[g + 1]
-        st = sx = sy = sd = c = s = 0.0
-        known = 0
-        for i in range(a, b):
-            st += t[i] - t[a]
-            sx += x[i] - x[a]
-            sy += y[i] - y[a]
-            sd += travelled[i] - travelled[a]
-            if not np.isnan(heading[i]):
-                c += np.cos(2.0 * heading[i])
-                s += np.sin(2.0 * heading[i])
-                known += 1
-        m = b - a
-        out[0, g], out[1, g], out[2, g] = t[a] + st / m, x[a] + sx / m, y[a] + sy / m
-        out[3, g] = travelled[a] + sd / m
-        out[4, g] = c / known if known else 0.0
-        out[5, g] = s / known if known else 0.0
 
 
 @outer

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
+from fleetlog.compiling import inner, outer
 from fleetlog.core.arrays import Floats
-from fleetlog.roads.kernels.compiling import inner, outer
 from fleetlog.roads.kernels.records import Groups, Noise, Placed, Roads, Routes, Track, Wide
 
 

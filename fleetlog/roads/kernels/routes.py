@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.compiling import inner, outer
 from fleetlog.core.arrays import Floats, Index
-from fleetlog.roads.kernels.compiling import inner, outer
 from fleetlog.roads.kernels.distances import path_between
 from fleetlog.roads.kernels.records import Candidates, Choice, Roads, Routes, Store
 
@@ -22,14 +22,11 @@ def build_routes(
     spans, (of, piece) = np.empty((2, groups), np.int64), np.full((2, groups), -1)
     while n < 0:
         capacity *= 2
-        room = Routes(
-            np.empty(capacity, np.int32), np.empty((3, capacity)), firsts, spans, of, piece, np.zeros(groups)
-        )
+        edges, values = np.empty(capacity, np.int32), np.empty((3, capacity))
+        room = Routes(edges, values, firsts, spans, of, piece, np.zeros(groups))
         n, stretches = _build(store, roads, near, choice, moved, back, path, room)
-    edges, values = room.edge[:n].copy(), room.value[:, :n].copy()
-    return room._replace(
-        edge=edges, value=values, firsts=firsts[: stretches + 1], spans=spans[:, :stretches].copy()
-    )
+    firsts, spans = firsts[: stretches + 1], spans[:, :stretches].copy()
+    return room._replace(edge=edges[:n].copy(), value=values[:, :n].copy(), firsts=firsts, spans=spans)
 
 
 @outer

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fleetlog.roads.kernels.compiling import inner
+from fleetlog.compiling import inner
 from fleetlog.simulate.kernels.lanes import acquire, insert, is_free, is_safe_lane
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 

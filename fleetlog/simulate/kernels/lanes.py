@@ -5,7 +5,7 @@ From piece to piece of a route, and into a bay and out of it.
 
 import numpy as np
 
-from fleetlog.roads.kernels.compiling import inner
+from fleetlog.compiling import inner
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 NEAR = 0.02  # At rest this close to its mark a truck is there [m]

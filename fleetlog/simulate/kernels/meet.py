@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fleetlog.compiling import kernel
+from fleetlog.compiling import inner, kernel
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.roads.kernels.compiling import inner
 from fleetlog.simulate.kernels.lanes import safe
 
 STEP = 0.1  # [s]
