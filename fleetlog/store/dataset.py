@@ -1,16 +1,17 @@
 """Reading a dataset by vehicle and day."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -19,6 +20,9 @@ from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
 from fleetlog.errors import DataError, FleetlogError, InputError, nearest
 from fleetlog.store.places import is_url, located
 from fleetlog.version import FORMAT_VERSION
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 REMAKE = "make the dataset again"
 DESCRIPTION = {"kind": str, "site": dict, "vehicles": dict, "rows": int, "columns": dict, "provenance": dict}
@@ -47,7 +51,7 @@ class Dataset:
         """For another process: by its name; the description tells a dataset that was made again."""
         return _reopened, (str(self.path), self._text)
 
-    def here(self) -> "Dataset":
+    def here(self) -> Dataset:
         """The dataset in this process, where it was handed to it as it was: connections do not fork."""
         return _reopened(str(self.path), self._text) if is_url(self.path) else self
 
@@ -114,6 +118,8 @@ class Dataset:
     @cached_property
     def trips(self) -> pd.DataFrame:
         """One row a trip; see :func:`fleetlog.store.trips.trips_of`."""
+        import pandas as pd
+
         file = self.path / "trips.parquet"
         with _undamaged(file), file.open("rb") as stream:
             return pd.read_parquet(stream)

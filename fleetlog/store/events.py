@@ -3,13 +3,14 @@
 ``dataset.json`` names those that a dataset has under ``tables``; an import has no such key.
 """
 
+from __future__ import annotations
+
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ from fleetlog.core.columns import ARROW, Column
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import InputError
 from fleetlog.store.dataset import Dataset
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Name = Literal["tasks", "activities", "reservations", "ways", "bays"]
 

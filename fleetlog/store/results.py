@@ -6,16 +6,17 @@ The tags are those of OGC GeoTIFF 1.1 (OGC 19-008r4): azimuthal equidistant metr
 turned site by a full transformation.  Without a frame a raster lies in local metres.
 """
 
+from __future__ import annotations
+
 import json
 import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -24,6 +25,9 @@ from fleetlog.core.network import Network
 from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Building, Frame, Place, Site, Zone
 from fleetlog.store.documents import plain, write_json
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MOST_GEOJSON = 20_000  # Cells beyond which no GeoJSON is written: Parquet is what larger maps are read from
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) / 2.0

@@ -1,15 +1,19 @@
 """Trips: a truck sets off, drives, and stands until it sets off again."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 STANDING_SPEED = 0.2  # Below this a truck stands [m/s]
 MIN_STOP = 15.0  # A shorter standstill does not end a trip: it is a wait on the way [s]
@@ -109,6 +113,8 @@ def trips_of(pieces: Sequence[Columns]) -> pd.DataFrame:
 
     What a piece lacks its trip lacks.
     """
+    import pandas as pd
+
     pieces = [p for p in pieces if p]
     if not pieces:
         return pd.DataFrame({"vehicle_id": [], "trip_id": []})

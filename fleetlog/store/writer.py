@@ -11,7 +11,6 @@ from typing import Any, Literal, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -161,6 +160,8 @@ class DatasetWriter:
             end = max((t for t in (meta["end"], end) if t), default=None)
             columns = {**meta["columns"], **columns}
             if len(older):
+                import pandas as pd
+
                 trips = pd.concat([older, trips]) if len(trips) else older
                 trips = trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
         trips.to_parquet(self.path / "trips.parquet", index=False)
