@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.view import palette, thin
+from fleetlog.view import clock, palette
 from fleetlog.view.clock import DAY, span_of
 from fleetlog.view.fleet import COLUMNS, CURVES, MIN_LOAD, Fleet, curve_style, heights, log_curve, quaternions
 from fleetlog.view.palette import Colour
@@ -75,7 +75,7 @@ def at_steps(t: Trajectory, ticks: Ints, site: Site) -> Singles:
     out = np.full((len(FIELDS), len(ticks)), np.nan, np.float32)
     rows = np.searchsorted(t.time, ticks, side="right") - 1
     known = np.flatnonzero(rows >= 0)
-    known = known[ticks[known] - t.time[rows[known]] <= thin.gap_limit(t.time)]
+    known = known[ticks[known] - t.time[rows[known]] <= clock.gap_limit(t.time)]
     for k, name in enumerate(FIELDS):
         out[k, known] = (heights(t, site) if name == "z" else t.floats(name))[rows[known]]
     return out

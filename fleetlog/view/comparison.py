@@ -15,7 +15,7 @@ from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.trajectory import Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
-from fleetlog.view import blueprint, palette, thin
+from fleetlog.view import blueprint, clock, palette
 from fleetlog.view.clock import opened, span_of
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.fleet import Fleet, curve_style, log_curve
@@ -114,7 +114,7 @@ def totals(days: list[Trajectory]) -> tuple[Ints, dict[str, Floats]]:
     rows = [np.zeros((0, 4))]
     for t in days:
         dt = np.diff(t.time, append=t.time[-1:])
-        dt = np.where(dt > thin.gap_limit(t.time), 0, dt) * 1e-6
+        dt = np.where(dt > clock.gap_limit(t.time), 0, dt) * 1e-6
         speed, power = np.nan_to_num(t.floats("speed")), np.nan_to_num(t.floats("battery_power"))
         rows.append(np.column_stack([t.time // BIN, (speed > STANDING_SPEED) * dt, speed * dt, power * dt]))
     table = np.concatenate(rows)
@@ -135,7 +135,7 @@ def at_times(other: Trajectory, name: str, time: Any) -> Floats:
     t, v = other.time[known], values[known]
     after = np.clip(np.searchsorted(t, time), 1, len(t) - 1)
     out = np.interp(time, t, v, left=np.nan, right=np.nan)
-    out[(t[after] - t[after - 1]) > thin.gap_limit(t)] = np.nan
+    out[(t[after] - t[after - 1]) > clock.gap_limit(t)] = np.nan
     return np.asarray(out, dtype=np.float64)
 
 
@@ -144,7 +144,7 @@ def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats
     time, columns = recorded.time, ("x", "y", "battery_power", "soc")
     dx, dy, power, soc = (at_times(simulated, c, time) - recorded.floats(c) for c in columns)
     # Nothing is spent while the power is unknown, and over a gap.
-    step = np.where(np.diff(time) > thin.gap_limit(time), 0.0, np.diff(time) * 1e-6)
+    step = np.where(np.diff(time) > clock.gap_limit(time), 0.0, np.diff(time) * 1e-6)
     spent = np.append(0.0, np.cumsum(0.5 * np.nan_to_num(power[1:] + power[:-1]) * step)) / 3.6e6
     energy = np.where(np.isfinite(power).any(), spent, np.nan)
     every = {"apart": np.hypot(dx, dy), "power": power * 1e-3, "energy": energy, "soc": soc * 100.0}

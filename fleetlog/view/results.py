@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
-from fleetlog.view import blueprint, palette, ribbons, thin
+from fleetlog.view import blueprint, clock, palette, ribbons
 from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
 from fleetlog.view.palette import Scale, scales_of, screen_colours
@@ -167,7 +167,7 @@ def _log_lines(stream: Stream, path: str, shape: MovingLines) -> None:
 def _log_series(stream: Stream, shape: Series) -> None:
     for i, (name, values) in enumerate(shape.y.items()):
         style = curve_style(name.replace("_", " "), palette.vehicle_colour(i))
-        curve = with_gaps(shape.x, np.asarray(values, float), thin.gap_limit(shape.x), None)
+        curve = with_gaps(shape.x, np.asarray(values, float), clock.gap_limit(shape.x), None)
         log_curve(stream, entity("curves", shape.name, name), *curve, style)
 
 
