@@ -1,4 +1,4 @@
-"""One page about a fleet, or about two datasets side by side; the tables behind it, as Parquet or a workbook."""
+"""One page about a fleet, or about two datasets side by side; the tables behind it."""
 
 import inspect
 import re

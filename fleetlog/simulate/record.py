@@ -122,12 +122,13 @@ class Meter:
 
 
 class Recorder:
-    """Takes batches of ``steps`` steps, keeps every ``every``-th one as a row, and writes the rows when enough
-    have come together.
+    """Takes batches of ``steps`` steps, keeps every ``every``-th one as a row, and writes the rows when they
+    are many.
 
     Height is known of hilly sites, voltage and current by a battery's chemistry.  Power of a row is the mean
     over the ``every`` steps around it, so that power times the time between rows adds up to the energy.
-    Trucks are written in groups, each by one thread: the same bytes whatever the number of threads.  Leaving the block without :meth:`flush` gives up what is not written.
+    Trucks are written in groups, each by one thread: the same bytes whatever the number of threads.
+    Leaving the block without :meth:`flush` gives up what is not written.
     """
 
     def __init__(

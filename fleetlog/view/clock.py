@@ -115,17 +115,6 @@ def thinned(trajectory: Trajectory, rate_hz: float) -> Trajectory:
     return trajectory[np.union1d(rows_at_rate(time, rate_hz), np.concatenate([before, before + 1]))]
 
 
-def runs_collapsed(*values: Floats) -> Ints:
-    """Indices left when every run of equal rows is cut to its two ends; NaN equals NaN."""
-    n = len(values[0])
-    changes = np.zeros(n + 1, dtype=bool)
-    changes[[0, n]] = True
-    for v in values:
-        same = (v[1:] == v[:-1]) | (np.isnan(v[1:]) & np.isnan(v[:-1]))
-        changes[1:n] |= ~same
-    return np.flatnonzero(changes[:-1] | changes[1:])
-
-
 def changed(values: Floats, step: float) -> Ints:
     """Indices at which a value has moved by ``step`` or more, or turns to or from NaN."""
     level = np.where(np.isnan(values), -(10**9), np.floor(np.nan_to_num(values) / step + 0.5))
@@ -137,9 +126,8 @@ def moved(step: float, *values: Floats) -> Ints:
 
     The row before a move keeps a truck standing until it sets off, however long it stood.
     """
-    n = len(values[0])
-    keep = np.zeros(n, dtype=bool)
-    keep[[0, n - 1]] = True
+    keep = np.zeros(len(values[0]), dtype=bool)
+    keep[:1] = keep[-1:] = True
     for v in values:
         at = changed(v, step)
         keep[at] = True

@@ -52,11 +52,13 @@ def write_comparison(
     recorded, simulated = opened(recorded_path, day), Dataset(simulated_path)
     if day in simulated.dates:
         simulated = opened(simulated_path, day)
-    shift = clock_shift(recorded, simulated)
+    spans = span_of(recorded), span_of(simulated)
+    (begin, end), (first, last) = (span or (0, 0) for span in spans)
+    shift = 0 if None in spans or (begin <= last and first <= end) else begin - first
     a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
     b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
-    times = [*(span_of(recorded) or ()), *(t + shift for t in span_of(simulated) or ())]
+    times = [*(spans[0] or ()), *(t + shift for t in spans[1] or ())]
     if times:
         screen.start, screen.duration = min(times), (max(times) - min(times)) * 1e-6
     text = "Recorded in orange, simulated in blue.\n"
@@ -72,12 +74,6 @@ def write_comparison(
         stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         blueprint.send(stream, _screen(screen, found))
     return Path(out_rrd)
-
-
-def clock_shift(recorded: Dataset, simulated: Dataset) -> int:
-    """Microseconds to add to the simulated times: 0 where the two overlap."""
-    a, b = span_of(recorded), span_of(simulated)
-    return 0 if a is None or b is None or (a[0] <= b[1] and b[0] <= a[1]) else a[0] - b[0]
 
 
 def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:

@@ -32,6 +32,7 @@ TRAIL_STEP = 4
 SOC_RATE = 0.2  # Samples a second of the SOC curve at most
 STEP = 0.03  # A truck is drawn anew when it has moved this far [m]: less is noise that nobody sees
 FAR_FROM_FLOOR = 10.0  # [m]
+SAME = 1e-12  # Values of a curve that differ by less are equal
 MIN_LOAD = 1.0  # Payload [kg] above which a load is drawn
 COLUMNS = (
     "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power",
@@ -143,7 +144,7 @@ def log_curve(stream: Stream, path: str, time: Ints, values: Floats, style: Any 
     """A curve over time, runs of equal values cut to their ends; ``style`` where it has none yet."""
     if style is not None:
         stream.static(path, style)
-    keep = clock.runs_collapsed(values)
+    keep = clock.moved(SAME, values)
     stream.columns(path, time[keep], rr.Scalars, scalars=values[keep])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 
 from fleetlog.core.arrays import Floats, Ints
+from fleetlog.simulate.track import shifted
 from fleetlog.view.palette import Colour
 
 POINTS, DASH = 25, 1.6  # Points of an arc, and length of the dashes of a broken one [m]
@@ -15,23 +16,9 @@ RISE, LOWEST, HIGHEST = 0.16, 1.5, 11.0  # Height of an arc over its span, and i
 HEAD = 1.3  # Length of an arrow's head [m]
 
 
-def side_vectors(points: Floats) -> Floats:
-    """(n, 2) vectors to the left at every vertex, of length 1, mitred (at most twofold) at bends."""
-    d = np.diff(points[:, :2], axis=0)
-    d /= np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-9)
-    left = np.column_stack([-d[:, 1], d[:, 0]])
-    before, after = np.vstack([left[:1], left]), np.vstack([left, left[-1:]])
-    mean = before + after
-    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
-    cosine = np.clip((mean * after).sum(axis=1), 0.5, 1.0)
-    return np.asarray(mean / cosine[:, None], dtype=np.float64)
-
-
 def offset(points: Floats, left: float) -> Floats:
     """The polyline (n, 3) moved to its left by ``left`` metres."""
-    out = np.array(points, dtype=np.float64)
-    out[:, :2] += side_vectors(points) * left
-    return out
+    return np.column_stack([shifted(points[:, :2], left), points[:, 2]])
 
 
 def ribbon(points: Floats, left: float, right: float, lift: float = 0.0) -> Floats:

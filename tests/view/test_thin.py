@@ -19,7 +19,7 @@ times = hnp.arrays(np.int64, st.integers(2, 80), elements=st.integers(1, 40_000_
 
 @given(levels)
 def test_collapsed_runs_come_back_by_interpolation(values: np.ndarray) -> None:
-    keep = clock.runs_collapsed(values)
+    keep = clock.moved(1e-12, values)
     at = np.arange(len(values))
     last = keep[np.searchsorted(keep, at, side="right") - 1]
     following = keep[np.searchsorted(keep, at, side="left")]

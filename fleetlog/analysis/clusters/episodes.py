@@ -144,7 +144,11 @@ def critical_areas(network: Network, s: pd.DataFrame, watched: Watched, seed: in
     """
     if not len(s):
         return pd.DataFrame()
-    hot = _carrying(*delay_by_place(s))
+    codes, delayed = delay_by_place(s)
+    order = np.argsort(-delayed, kind="stable")
+    # The fewest places that carry the share.
+    count = int(np.searchsorted(np.cumsum(delayed[order]), SHARE * delayed.sum() * (1 - 1e-12))) + 1
+    hot = np.sort(codes[order[:count]])
     edge = (hot // PLACES).astype(np.int32)
     xy = network.position(edge, np.minimum((hot % PLACES + 0.5) * BIN, network.length[edge]))[:, :2]
     group = touching(xy / BIN)
@@ -178,13 +182,6 @@ def delay_by_place(s: pd.DataFrame) -> tuple[Ints, Floats]:
     """Place codes, sorted, and the delay in each [s]."""
     codes, inverse = np.unique(s["place"], return_inverse=True)
     return codes, np.asarray(np.bincount(inverse, s["delay"], len(codes)), dtype=np.float64)
-
-
-def _carrying(codes: Ints, delay: Floats) -> Ints:
-    """The fewest places, sorted, that carry ``SHARE`` of the delay."""
-    order = np.argsort(-delay, kind="stable")
-    count = int(np.searchsorted(np.cumsum(delay[order]), SHARE * delay.sum() * (1 - 1e-12))) + 1
-    return np.sort(codes[order[:count]])
 
 
 def _resampled(area: Ints, unit: Ints, units: int, delay: Floats, seed: int) -> tuple[Floats, ...]:

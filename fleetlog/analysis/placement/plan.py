@@ -50,13 +50,9 @@ def edge_energies(network: Network, truck: Truck) -> Floats:
     from fleetlog.core.motion import Motion
     from fleetlog.physics.power import Physics, battery_power
 
-    pieces = np.maximum(1, np.ceil(network.length / PIECE)).astype(np.int64)
-    edge = np.repeat(np.arange(len(network), dtype=np.int32), pieces)
-    number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    size = (network.length / pieces)[edge]
-    offset = (number + 0.5) * size
-    speed = edge_speeds(network, truck)[edge]
-    slope = network.slope(edge, offset)
+    edge, offset = network.stations(PIECE)
+    size = (network.length / np.bincount(edge, minlength=len(network)))[edge]
+    speed, slope = edge_speeds(network, truck)[edge], network.slope(edge, offset)
     motion = Motion.of(len(edge), speed=speed, dt=size / speed, slope=slope, edge=edge, edge_offset=offset)
     watts = battery_power(motion, Physics(truck))
     return np.maximum(np.bincount(edge, watts * motion.dt, len(network)), 0.0) / 3600.0

@@ -1,4 +1,4 @@
-"""What is said about chosen sites: how far, against what, how stable, how many plugs; a plan in the simulator."""
+"""What is said about chosen sites: how far, against what, how stable, how many plugs; a plan simulated."""
 
 from dataclasses import replace
 from typing import Any
@@ -30,9 +30,7 @@ def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
     w, d = weight[ok], nearest_site[ok]
     if not len(d):
         return {"mean": float("nan"), "p95": float("nan"), "unreachable_share": 1.0}
-    order = np.argsort(d)
-    cumulated = np.cumsum(w[order])
-    p95 = d[order][min(int(np.searchsorted(cumulated, 0.95 * cumulated[-1])), len(d) - 1)]
+    p95 = np.quantile(d, 0.95, weights=w, method="inverted_cdf")
     mean, unreachable = np.average(d, weights=w), 1 - w.sum() / weight.sum()
     return {"mean": float(mean), "p95": float(p95), "unreachable_share": float(unreachable)}
 
