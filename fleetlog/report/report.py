@@ -29,6 +29,12 @@ from fleetlog.store.output import atomic_output
 from fleetlog.version import __version__
 from fleetlog.view.palette import scales_of
 
+PLACES = {"speeding": "speeding", "near_misses": "near_misses", "places": "stops", "areas": "density"}
+"""Tables of the report, and the result that each is of."""
+TEXT_ONLY = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
+"""A text that begins with = is a text."""
+MOST_ROWS = 1_000_000  # A sheet holds no more
+
 
 @dataclass
 class Report:
@@ -155,10 +161,6 @@ def _summary(facts: list[Facts], rows: list[Row], lead: list[str]) -> dict[str, 
     }  # fmt: skip
 
 
-PLACES = {"speeding": "speeding", "near_misses": "near_misses", "places": "stops", "areas": "density"}
-"""Tables of the report, and the result that each is of."""
-
-
 def _tables(facts: list[Facts], rows: list[Row]) -> dict[str, pd.DataFrame]:
     """All tables; those of two datasets are one below the other, told apart by the column ``dataset``."""
     out: dict[str, list[pd.DataFrame]] = {}
@@ -172,11 +174,6 @@ def _tables(facts: list[Facts], rows: list[Row]) -> dict[str, pd.DataFrame]:
             out.setdefault(name, []).append(table.assign(dataset=f.name) if len(facts) > 1 else table)
     figures = frame(rows, [f.name for f in facts])
     return {"figures": figures, **{n: pd.concat(t, ignore_index=True) for n, t in out.items()}}
-
-
-TEXT_ONLY = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
-"""A text that begins with = is a text."""
-MOST_ROWS = 1_000_000  # A sheet holds no more
 
 
 @contextmanager

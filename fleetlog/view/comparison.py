@@ -16,8 +16,7 @@ from fleetlog.core.trajectory import Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, clock, palette
-from fleetlog.view.clock import opened, span_of
-from fleetlog.view.extent import dataset_outline
+from fleetlog.view.clock import dataset_outline, opened, span_of
 from fleetlog.view.fleet import Fleet, curve_style, log_curve
 from fleetlog.view.recording import MANY, RATE, log_fleet, summary_markdown
 from fleetlog.view.scene import log_site

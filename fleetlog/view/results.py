@@ -11,7 +11,7 @@ from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
 from fleetlog.view import blueprint, clock, palette, ribbons
-from fleetlog.view.extent import Extent, around, shapes_outline
+from fleetlog.view.clock import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
 from fleetlog.view.palette import Scale, scales_of, screen_colours
 from fleetlog.view.ribbons import mesh3d

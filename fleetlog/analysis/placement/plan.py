@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from fleetlog.analysis.placement.demand import Unit, flow_counts, rank, visit_share, vote_scores
@@ -21,6 +20,17 @@ Metric = Literal["distance", "time", "energy"]
 UNITS = {"distance": "m", "time": "s", "energy": "Wh"}
 USUAL_SPEED = 2.5  # Where a road states no limit and no truck is given [m/s]
 PIECE = 2.0  # Length over which speed and slope are taken as constant [m]
+Method = Literal["pmedian", "spaced", "topk", "cover"]
+Variant = Literal["flow", "vote", "urgency"]
+Demand = Literal["urgency", "standing", "visits", "rank", "loading"]
+NEXT_BEST = {
+    "urgency": ("no truck stood with less than 50 % charge", "standing"),
+    "standing": ("no truck stood for long enough", "visits"),
+}
+"""Where there is no demand of a kind: why, and what is taken in its place."""
+NOTHING = "nothing of the kind in the data"
+VOTE_LENGTH = 30.0
+MAX_LEFT_OUT = 30  # So many days or trucks are left out in turn, to see how stable a choice is
 
 
 def driving_costs(network: Network, metric: Metric, truck: Truck | None = None) -> Floats:
@@ -63,27 +73,10 @@ def vertex_distances(network: Network, weight: Floats | None = None) -> Floats:
 
     ``weight`` (E,) replaces length: seconds or joules an edge.
     """
-    w = network.length if weight is None else weight
-    n = len(network.node_ids)
-    # Of parallel edges the shortest counts; a sparse constructor would add them up.
-    order = np.lexsort((w, network.end, network.start))
-    s, e = network.start[order], network.end[order]
-    keep = np.r_[True, (np.diff(s) != 0) | (np.diff(e) != 0)]
-    graph = sparse.csr_array((np.maximum(w[order][keep], 1e-9), (s[keep], e[keep])), shape=(n, n))
-    return np.asarray(dijkstra(graph))
-
-
-Method = Literal["pmedian", "spaced", "topk", "cover"]
-Variant = Literal["flow", "vote", "urgency"]
-Demand = Literal["urgency", "standing", "visits", "rank", "loading"]
-NEXT_BEST = {
-    "urgency": ("no truck stood with less than 50 % charge", "standing"),
-    "standing": ("no truck stood for long enough", "visits"),
-}
-"""Where there is no demand of a kind: why, and what is taken in its place."""
-NOTHING = "nothing of the kind in the data"
-VOTE_LENGTH = 30.0
-MAX_LEFT_OUT = 30  # So many days or trucks are left out in turn, to see how stable a choice is
+    cost = np.full((len(network.node_ids),) * 2, np.inf)
+    # Of parallel edges the shortest counts.
+    np.minimum.at(cost, (network.start, network.end), network.length if weight is None else weight)
+    return np.asarray(dijkstra(np.maximum(cost, 1e-9)))
 
 
 @dataclass(frozen=True)
