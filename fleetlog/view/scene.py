@@ -60,7 +60,7 @@ def _log_roads(stream: Stream, site: Site) -> None:
         outer = (left, right) if not two_way else (right,) if site.traffic == "right" else (left,)
         rims += [ribbons.offset(line, o) + RAISED for o in outer]
         middle = ribbons.offset(line, (left + right) / 2.0)
-        marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.07), palette.ARROW))
+        marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), 0.07), palette.ARROW))
     # Discs as wide as the widest road close the gaps between ribbons.
     surface += [
         (ribbons.disc(x, y, r, z + 0.008, corners=20), palette.ROAD)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from fleetlog.analysis.placement.demand import Unit, flow_counts, rank, visit_share, vote_scores
@@ -76,7 +77,8 @@ def vertex_distances(network: Network, weight: Floats | None = None) -> Floats:
     cost = np.full((len(network.node_ids),) * 2, np.inf)
     # Of parallel edges the shortest counts.
     np.minimum.at(cost, (network.start, network.end), network.length if weight is None else weight)
-    return np.asarray(dijkstra(np.maximum(cost, 1e-9)))
+    graph = sparse.csr_array(np.where(np.isfinite(cost), np.maximum(cost, 1e-9), 0.0))
+    return np.asarray(dijkstra(graph))
 
 
 @dataclass(frozen=True)
