@@ -189,16 +189,15 @@ def held(
         do = "install fleetlog[excel], or name a folder for Parquet files"
         raise InputError("writing .xlsx needs another package", do=do)
     with atomic_output(target, "report tables", overwrite=overwrite, folder=not book, inputs=inputs) as out:
-        yield partial(_write_workbook if book else _write_parquet, out)
+        yield partial(_write_tables, out)
 
 
-def _write_parquet(folder: Path, tables: dict[str, pd.DataFrame], zone: str) -> None:
-    for name, table in tables.items():
-        table.to_parquet(folder / f"{name}.parquet", index=False)
-
-
-def _write_workbook(path: Path, tables: dict[str, pd.DataFrame], zone: str) -> None:
-    """One sheet a table; times are those of the zone, as a sheet knows none."""
+def _write_tables(path: Path, tables: dict[str, pd.DataFrame], zone: str) -> None:
+    """A file a table in a folder, else a sheet a table; there times are those of the zone: it knows none."""
+    if path.is_dir():
+        for name, table in tables.items():
+            table.to_parquet(path / f"{name}.parquet", index=False)
+        return
     with pd.ExcelWriter(path, engine="xlsxwriter", engine_kwargs={"options": TEXT_ONLY}) as book:
         for name, table in tables.items():
             sheet, rows = re.sub(r"[\[\]:*?/\\]", "_", name)[:31], table.head(MOST_ROWS)
