@@ -143,9 +143,9 @@ class BayMaker:
         if not spur_is_free(self._ground, door.path, *self.half, lane, reverse if narrow else -1):
             return False
         doors = (opposite_spur(self.track, j, door, r, self.half[1]) for r in self.radii)
-        spurs = (d.path for d in doors if both and reverse >= 0 and d is not None)
-        free = any(spur_is_free(self._ground, path, *self.half, lane, reverse) for path in spurs)
-        return free or not both or reverse < 0
+        spurs = (d.path for d in doors if d is not None)
+        free = (spur_is_free(self._ground, path, *self.half, lane, reverse) for path in spurs)
+        return not both or reverse < 0 or any(free)
 
 
 @lru_cache(maxsize=4096)

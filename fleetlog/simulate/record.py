@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 CHARGE_RATE = 0.25  # Power of a charger that the site does not state, in battery capacities an hour
 TAPER_FROM = 0.8
 """State of charge from which charging power falls, to a tenth when full: then voltage is constant."""
-ROWS = 4_000_000  # So many rows are kept while as many are written; some 60 bytes each
+ROWS = 8_000_000  # Rows that are kept at most before they are written; some 60 bytes each
 DIGITS = {
     "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
     "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
@@ -35,7 +35,8 @@ DIGITS = {
 MEANS = ("battery_power", "battery_voltage", "battery_current")
 """Columns of which a row has the mean over the time around it."""
 NULL = int(np.iinfo(np.int32).min)
-TOGETHER = 16  # Trucks that a thread writes at once, where there are as many
+TOGETHER = 16  # Trucks that are written at once, where there are as many
+BEHIND = 8  # Such groups that may wait to be written; the fleet waits when there are more
 
 
 Columns = dict[str, NDArray[Any]]  # (V, K) of a batch, by name
@@ -122,30 +123,37 @@ class Meter:
 
 
 class Recorder:
-    """Takes batches of ``steps`` steps, keeps every ``every``-th one as a row, and writes the rows when they
-    are many.
+    """Takes batches of ``steps`` steps, keeps every ``every``-th one as a row, and writes a group of trucks'
+    rows when enough have come together, or the ``total`` of steps is reached.
 
     Height is known of hilly sites, voltage and current by a battery's chemistry.  Power of a row is the mean
     over the ``every`` steps around it, so that power times the time between rows adds up to the energy.
-    Trucks are written in groups, each by one thread: the same bytes whatever the number of threads.
+    Groups are written in turn, each by one thread at a time: the same bytes whatever the number of threads.
     Leaving the block without :meth:`flush` gives up what is not written.
     """
 
     def __init__(
-        self, writer: DatasetWriter, names: list[str], world: World, settings: Settings, steps: int
-    ) -> None:
+        self, writer: DatasetWriter, names: list[str], world: World, settings: Settings, steps: int,
+        total: int,
+    ) -> None:  # fmt: skip
         self.writer, self.names, self.edges = writer, names, world.track.network.edge_ids
         flat, nominal = not np.any(world.ground.z), settings.battery is None
         unknown = ("z",) * flat + MEANS[1:] * nominal
         self.columns = tuple(c for c in DIGITS if c not in unknown)
         every, dt = round(settings.interval / settings.step), round(settings.step * 1e6)
         self.every, self.interval, self.start = every, every * dt, settings.start + every // 2 * dt
-        self._most = max(ROWS * every // (len(names) * steps), 1)
-        self._batch = np.zeros((len(names), len(self.columns) + 2, steps // every), np.int32)
-        self._rows = 0
-        self._kept: list[Index] = []
+        trucks, batches = len(names), total // steps
+        groups = -(-trucks // min(TOGETHER, trucks))
+        self._most = min(max(ROWS * every // (trucks * steps), 1), batches)
+        # Groups become due one after the other, the first when its rows are half of the most that are kept;
+        # where all rows can be kept, all at the end.
+        share = 1.0 if self._most == batches else 0.5 + 0.5 * (np.arange(groups) + 1) / (groups + 1)
+        self._due = np.full(groups, np.maximum(share * self._most, 1.0)).astype(int)
+        self._batch = np.zeros((trucks, len(self.columns) + 2, steps // every), np.int32)
+        self._rows = np.zeros(groups, np.int64)
+        self._kept: list[list[Index]] = [[] for _ in range(groups)]
         self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 4))
-        self._jobs: list[Future[None]] = []
+        self._jobs: dict[int, Future[None]] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -167,34 +175,32 @@ class Recorder:
         batch[:, -2], batch[:, -1] = (codes[:, middle :: self.every] for codes in (found["edge"], log.trip))
 
     def next(self) -> None:
-        """All trucks have had their batch."""
-        self._kept.append(self._batch.copy())
-        if len(self._kept) == self._most:
-            self._hand_over()
+        """All trucks have had their batch: groups that are due are written."""
+        for group, kept in enumerate(self._kept):
+            kept.append(self._batch[group * TOGETHER : (group + 1) * TOGETHER].copy())
+            if len(kept) >= self._due[group]:
+                self._hand_over(group)
+                self._due[group] = self._most
 
     def flush(self) -> None:
         """Write all that is left, and wait for it."""
-        if self._kept:
-            self._hand_over()
-        for job in self._jobs:
+        for group, kept in enumerate(self._kept):
+            if kept:
+                self._hand_over(group)
+        for job in self._jobs.values():
             job.result()
 
-    def _hand_over(self) -> None:
-        """Let what is kept be written, after all that was handed over earlier."""
-        for job in self._jobs:
-            job.result()
-        groups = range(0, len(self.names), TOGETHER)
-        kept = ([rows[first : first + TOGETHER] for rows in self._kept] for first in groups)
-        self._jobs = [
-            self._pool.submit(self._write, first, rows, self._rows)
-            for first, rows in zip(groups, kept, strict=True)
-        ]
-        self._rows += len(self._kept) * self._batch.shape[2]
-        self._kept = []
+    def _hand_over(self, group: int) -> None:
+        """Let the rows of a group be written, after those handed over earlier."""
+        while group in self._jobs or len(self._jobs) >= BEHIND:
+            self._jobs.pop(group if group in self._jobs else next(iter(self._jobs))).result()
+        rows = np.concatenate(self._kept[group], axis=2)
+        self._jobs[group] = self._pool.submit(self._write, group, rows, int(self._rows[group]))
+        self._rows[group] += rows.shape[2]
+        self._kept[group].clear()
 
-    def _write(self, first: int, kept: list[Index], before: int) -> None:
-        """Rows (trucks, columns, rows) from truck ``first`` on, which has so many rows ``before``."""
-        whole = np.concatenate(kept, axis=2)
+    def _write(self, group: int, whole: Index, before: int) -> None:
+        """(trucks, columns, rows) of a group that has so many rows ``before``."""
         trucks, _, rows = whole.shape
         columns: dict[str, Values] = {}
         for k, name in enumerate(self.columns):
@@ -205,7 +211,7 @@ class Recorder:
         columns["edge_id"] = Labels(edge.ravel().astype(np.int32), tuple(self.edges[i] for i in used))
         columns["trip_id"] = whole[:, -1].ravel().astype(np.int64)
         time = np.tile(self.start + (before + np.arange(rows)) * self.interval, trucks)
-        names = self.names[first : first + trucks]
+        names = self.names[group * TOGETHER :][:trucks]
         self.writer.write_together(names, Trajectory(names[0], time, columns))
 
 
