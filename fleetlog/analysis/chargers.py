@@ -12,11 +12,19 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.occupancy import maps
-from fleetlog.analysis.placement.check import try_plan
-from fleetlog.analysis.placement.costs import Metric, driving_costs
 from fleetlog.analysis.placement.demand import Unit, day_of
-from fleetlog.analysis.placement.plan import Demand, Method, Question, Variant, choose, stability, weigh
-from fleetlog.analysis.placement.report import lines_of, site_table, summarise, vertex_table
+from fleetlog.analysis.placement.plan import (
+    Demand,
+    Method,
+    Metric,
+    Question,
+    Variant,
+    choose,
+    driving_costs,
+    stability,
+    weigh,
+)
+from fleetlog.analysis.placement.report import lines_of, site_table, summarise, try_plan, vertex_table
 from fleetlog.core.arguments import Between, Count, Duration, Seed, seconds
 from fleetlog.core.arrays import Ints
 from fleetlog.core.network import Network

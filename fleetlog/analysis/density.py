@@ -9,10 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.clusters import areas as of
-from fleetlog.analysis.clusters.areas import BIN, PLACES, Watched
+from fleetlog.analysis.clusters import episodes as of
+from fleetlog.analysis.clusters.episodes import BIN, PLACES, Watched, episodes
 from fleetlog.analysis.clusters.steps import Crowds, Rule, as_figures, find_crowds, together
-from fleetlog.analysis.clusters.tracking import episodes
 from fleetlog.core.arguments import Between
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.network import Network

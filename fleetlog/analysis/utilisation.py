@@ -144,19 +144,15 @@ def row_states(t: Trajectory) -> Ints:
     lasts = np.repeat(np.add.reduceat(step * 1e-6, first), rows)
     loads, forks = t.has("payload"), t.has("fork_height")
     out = np.where(laden, number["driving_laden"], number["driving_empty" if loads else "driving"])
-    waits = laden | ((lasts <= (PATIENCE if loads else PATIENCE_WITHOUT_LOAD)) & ~_set_down(laden, stand))
+    # After the load was set down in the same standstill, a truck does not wait.
+    down = pd.Series(np.diff(laden.astype(np.int8), prepend=0) < 0).groupby(stand).cummax().to_numpy(bool)
+    waits = laden | ((lasts <= (PATIENCE if loads else PATIENCE_WITHOUT_LOAD)) & ~down)
     stopped = number["waiting" if loads or forks else "standing"]
     out[still] = np.where(waits[still], stopped, number["idle"])
     out[still & _handling(t, still, load)] = number["handling"]
     out[still & _charging(t, first, rows, lasts)] = number["charging"]
     out[silent] = number["no_data"]
     return np.asarray(out, dtype=np.int64)
-
-
-def _set_down(laden: Mask, stand: Ints) -> Mask:
-    """(N,) rows after the load was set down in the same standstill."""
-    down = np.diff(laden.astype(np.int8), prepend=0) < 0
-    return pd.Series(down).groupby(stand).cummax().to_numpy(bool)
 
 
 def _charging(t: Trajectory, first: Ints, rows: Ints, lasts: Floats) -> Mask:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fleetlog.analysis import utilisation as spent
 from fleetlog.analysis.density import density
 from fleetlog.analysis.energy import energy
 from fleetlog.analysis.heatmap import heatmap
@@ -20,17 +21,6 @@ from fleetlog.analysis.speeding import speeding
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.tariff import Tariff, costs
 from fleetlog.analysis.trips import trips
-from fleetlog.analysis.utilisation import (
-    COLUMNS,
-    QUARTER,
-    STATES,
-    hours_by_state,
-    joined_days,
-    quarters,
-    row_states,
-    stamps,
-    utilisation,
-)  # fmt: skip
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -88,7 +78,7 @@ def gather(facts: Facts) -> Facts:
     """Run every analysis that the dataset can carry, and sum up the ledger."""
     d, truck = facts.dataset, facts.truck
     questions: dict[str, Callable[[], Result]] = {
-        "utilisation": lambda: utilisation(d), "trips": lambda: trips(d, min_distance=SHORTEST_TRIP),
+        "utilisation": lambda: spent.utilisation(d), "trips": lambda: trips(d, min_distance=SHORTEST_TRIP),
         "stops": lambda: stops(d), "heatmap": lambda: heatmap(d, quantity="passages", cell=_cell(d)),
         "density": lambda: density(d), "speeding": lambda: speeding(d), "near_misses": lambda: near_misses(d),
     }  # fmt: skip
@@ -145,11 +135,11 @@ def _ledger(facts: Facts) -> Ledger:
 
 def _states(table: pd.DataFrame) -> Ledger:
     """Hours in every state, those that the log covers, and those driven."""
-    cut = quarters(table)
-    hours = hours_by_state(cut, cut["vehicle_id"], cut["start"].dt.floor("15min"))
+    cut = spent.quarters(table)
+    hours = spent.hours_by_state(cut, cut["vehicle_id"], cut["start"].dt.floor("15min"))
     hours["hours"] = hours.drop(columns="no_data").sum(axis=1)
-    hours["moving"] = hours[[s for s in STATES if s.startswith("driving")]].sum(axis=1)
-    return hours.rename(columns={s: f"{s}_h" for s in STATES})
+    hours["moving"] = hours[[s for s in spent.STATES if s.startswith("driving")]].sum(axis=1)
+    return hours.rename(columns={s: f"{s}_h" for s in spent.STATES})
 
 
 def consumption(dataset: Dataset) -> Ledger:
@@ -159,7 +149,7 @@ def consumption(dataset: Dataset) -> Ledger:
     into the battery while the truck is charged is charged energy, everything else is used (braking returns
     some).  ``energy_km`` and ``energy_h`` are those with a known power.
     """
-    days = map(_quarters, joined_days(dataset, (*COLUMNS, "battery_voltage", "battery_current")))
+    days = map(_quarters, spent.joined_days(dataset, (*spent.COLUMNS, "battery_voltage", "battery_current")))
     return pd.concat(days).groupby(level=KEYS).sum().div(pd.Series(UNITS))
 
 
@@ -170,11 +160,11 @@ def _quarters(t: Trajectory) -> Ledger:
     watts = measured_power(t)
     known = np.isfinite(watts)
     kwh = np.where(known, watts, 0.0) * dt / 3.6e6
-    charging = row_states(t) == STATES.index("charging")
+    charging = spent.row_states(t) == spent.STATES.index("charging")
     metres = np.nan_to_num(t.floats("speed")) * dt
     energy = np.where(charging, 0.0, kwh), np.where(charging, -kwh, 0.0)
     rows = pd.DataFrame(dict(zip(UNITS, (metres, known * metres, known * dt, *energy), strict=True)))
-    rows["vehicle_id"], rows["start"] = t.vehicle_id, stamps(t.time // QUARTER * QUARTER)
+    rows["vehicle_id"], rows["start"] = t.vehicle_id, spent.stamps(t.time // spent.QUARTER * spent.QUARTER)
     return rows.groupby(KEYS).sum()
 
 
@@ -212,6 +202,6 @@ def tasks_done(dataset: Dataset) -> pd.DataFrame:
 
 def _summed(name: str, table: pd.DataFrame, values: Any, vehicle: str = "vehicle_id") -> Ledger:
     """One column of the ledger; values of a time count for its quarter of an hour."""
-    start = pd.to_datetime(table["start"], utc=True).dt.as_unit("us").dt.floor(f"{QUARTER // 60_000_000}min")
+    start = pd.to_datetime(table["start"], utc=True).dt.as_unit("us").dt.floor("15min")
     keys = [table[vehicle].astype(str).rename("vehicle_id"), start.rename("start")]
     return table.assign(value=values)["value"].astype(float).groupby(keys).sum().to_frame(name)

@@ -1,9 +1,12 @@
-"""One page about a fleet, or about two datasets side by side."""
+"""One page about a fleet, or about two datasets side by side; the tables behind it."""
 
 import inspect
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,7 @@ from fleetlog.core.result import Result
 from fleetlog.core.schema import Wrong, time_zone
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
-from fleetlog.errors import ArgumentError, DataError
+from fleetlog.errors import ArgumentError, DataError, InputError
 from fleetlog.registry import added, part
 from fleetlog.report.content import Part, render
 from fleetlog.report.diagnosis import in_short
@@ -22,8 +25,15 @@ from fleetlog.report.facts import Facts, gather
 from fleetlog.report.figures import Row, changes, frame, page_table, rows_of
 from fleetlog.report.sections import SECTIONS, answers, local_span
 from fleetlog.store import Dataset
+from fleetlog.store.output import atomic_output
 from fleetlog.version import __version__
 from fleetlog.view.palette import scales_of
+
+PLACES = {"speeding": "speeding", "near_misses": "near_misses", "places": "stops", "areas": "density"}
+"""Tables of the report, and the result that each is of."""
+TEXT_ONLY = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
+"""A text that begins with = is a text."""
+MOST_ROWS = 1_000_000  # A sheet holds no more
 
 
 @dataclass
@@ -151,10 +161,6 @@ def _summary(facts: list[Facts], rows: list[Row], lead: list[str]) -> dict[str, 
     }  # fmt: skip
 
 
-PLACES = {"speeding": "speeding", "near_misses": "near_misses", "places": "stops", "areas": "density"}
-"""Tables of the report, and the result that each is of."""
-
-
 def _tables(facts: list[Facts], rows: list[Row]) -> dict[str, pd.DataFrame]:
     """All tables; those of two datasets are one below the other, told apart by the column ``dataset``."""
     out: dict[str, list[pd.DataFrame]] = {}
@@ -168,3 +174,34 @@ def _tables(facts: list[Facts], rows: list[Row]) -> dict[str, pd.DataFrame]:
             out.setdefault(name, []).append(table.assign(dataset=f.name) if len(facts) > 1 else table)
     figures = frame(rows, [f.name for f in facts])
     return {"figures": figures, **{n: pd.concat(t, ignore_index=True) for n, t in out.items()}}
+
+
+@contextmanager
+def held(
+    target: Path | None, overwrite: bool, inputs: Iterable[Path]
+) -> Iterator[Callable[[dict[str, pd.DataFrame], str], None]]:
+    """Hold the place of the tables, if any; the function that is given writes them, times in a zone."""
+    if target is None:
+        yield lambda tables, zone: None
+        return
+    book = target.suffix.lower() == ".xlsx"
+    if book and find_spec("xlsxwriter") is None:
+        do = "install fleetlog[excel], or name a folder for Parquet files"
+        raise InputError("writing .xlsx needs another package", do=do)
+    with atomic_output(target, "report tables", overwrite=overwrite, folder=not book, inputs=inputs) as out:
+        yield partial(_write_tables, out)
+
+
+def _write_tables(path: Path, tables: dict[str, pd.DataFrame], zone: str) -> None:
+    """A file a table in a folder, else a sheet a table; there times are those of the zone: it knows none."""
+    if path.is_dir():
+        for name, table in tables.items():
+            table.to_parquet(path / f"{name}.parquet", index=False)
+        return
+    with pd.ExcelWriter(path, engine="xlsxwriter", engine_kwargs={"options": TEXT_ONLY}) as book:
+        for name, table in tables.items():
+            sheet, rows = re.sub(r"[\[\]:*?/\\]", "_", name)[:31], table.head(MOST_ROWS)
+            times = rows.select_dtypes("datetimetz").columns
+            local = rows.assign(**{c: rows[c].dt.tz_convert(zone).dt.tz_localize(None) for c in times})
+            local.to_excel(book, sheet_name=sheet, index=False, freeze_panes=(1, 0))
+            book.sheets[sheet].autofit()

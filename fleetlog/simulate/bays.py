@@ -131,20 +131,21 @@ class BayMaker:
         shape, length = _into(radius, max(radius, need, min(aside, OFF_ROADS)), side)
         return Door(lane, at, moved(shape, x, y, heading), length, max(radius + self.half[1], self.half[0]))
 
-    def _free(self, door: Door, lane: int, reverse: int) -> bool:
-        """Whether no piece or bay touches its ground, no bay or safe part of other lanes its spur."""
+    def _fits(self, door: Door, both: bool) -> bool:
+        """Whether there is room for a door, with ``both`` also for one from the opposite lane.
+
+        No piece or bay touches its ground, no bay or safe part of other lanes its spur.
+        """
         from fleetlog.simulate.kernels.geometry import spur_is_free
 
-        return bool(spur_is_free(self._ground, door.path, *self.half, lane, reverse))
-
-    def _fits(self, door: Door, both: bool) -> bool:
-        """Whether there is room for a door, with ``both`` also for one from the opposite lane."""
-        j, reverse = self.junctions, int(self.track.network.reverse[door.lane])
-        narrow = j.stop[door.lane] < j.clear[door.lane]
-        if not self._free(door, door.lane, reverse if narrow else -1):
+        j, lane, reverse = self.junctions, door.lane, int(self.track.network.reverse[door.lane])
+        narrow = j.stop[lane] < j.clear[lane]
+        if not spur_is_free(self._ground, door.path, *self.half, lane, reverse if narrow else -1):
             return False
         doors = (opposite_spur(self.track, j, door, r, self.half[1]) for r in self.radii)
-        return not both or reverse < 0 or any(d and self._free(d, door.lane, reverse) for d in doors)
+        spurs = (d.path for d in doors if d is not None)
+        free = (spur_is_free(self._ground, path, *self.half, lane, reverse) for path in spurs)
+        return not both or reverse < 0 or any(free)
 
 
 @lru_cache(maxsize=4096)

@@ -80,8 +80,7 @@ def _in_turns(motion: Motion, track: Track) -> float | None:
 
 def _typical(values: Floats, chosen: Mask, weight: Floats) -> float | None:
     """What was chosen is below this for ``SHARE`` of its time; None where it is too little."""
-    order = np.argsort(values[chosen])
-    time = np.cumsum(weight[chosen][order])
-    if not len(time) or time[-1] < LEAST:
+    if weight[chosen].sum() < LEAST:
         return None
-    return round(float(values[chosen][order][np.searchsorted(time, SHARE * time[-1])]), 3)
+    typical = np.quantile(values[chosen], SHARE, weights=weight[chosen], method="inverted_cdf")
+    return round(float(typical), 3)

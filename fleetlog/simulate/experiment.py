@@ -172,13 +172,11 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     first = runs[runs.variant == 0].set_index("seed")
     out = []
     for number, group in runs.groupby("variant"):
-        row: dict[str, Any] = {"variant": number, **{n: group[n].iloc[0] for n in names}, "runs": len(group)}
         good = group.dropna(subset="tasks_done").set_index("seed")
-        row["possible"] = len(good)
+        row = {"variant": number, **group[names].iloc[0], "runs": len(group), "possible": len(good)}
         for name in MEASURES:
             for key, values in ((name, good[name]), (f"{name}_change", (good[name] - first[name]).dropna())):
-                row[key] = float(values.mean()) if len(values) else float("nan")
-                row[f"{key}_ci"] = half_width(values.to_numpy(float)) if len(values) else float("nan")
+                row |= {key: float(values.mean()), f"{key}_ci": half_width(values.to_numpy(float))}
         row["bottleneck"] = good.bottleneck.mode().iloc[0] if len(good) else str(group.error.iloc[0])
         out.append(row)
     return pd.DataFrame(out)

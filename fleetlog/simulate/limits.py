@@ -160,20 +160,11 @@ class Summary:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        c, text = self.count, json.dumps(asdict(self.limits))
-        limits = json.loads(text, parse_float=lambda digits: round(float(digits), 4))
-        return {
-            "vehicles": self.vehicles, "duration_s": self.duration_s, "rows": self.rows,
-            "vehicle_steps": self.vehicle_steps, "tasks_given": c.tasks_given, "tasks_done": c.tasks_done,
-            "tasks_unfinished": self.unfinished, "distance_m": round(self.distance_m, 1),
-            "energy_wh": round(self.energy_wh, 2), "charged_wh": round(self.charged_wh, 2),
-            "soc_end": [round(s, 5) for s in self.soc_end], "soc_lowest": round(self.soc_lowest, 5),
-            "soc_mean": round(self.soc_mean, 5), "waiting_s": round(self.waiting_s, 1),
-            "longest_wait_s": round(self.longest_wait_s, 1),
-            "charges": c.charges, "deadlocks": c.deadlocks, "deadlocks_released": c.deadlocks_released,
-            "detours": c.detours, "made_room": c.made_room, "empty": c.empty,
-            "limits": {**limits, "one_more": self.one_more}, "notes": self.notes,
-        }  # fmt: skip
+        told = asdict(self)
+        told |= told.pop("count") | {"tasks_unfinished": self.unfinished, "waiting_s": self.waiting_s}
+        told["limits"]["one_more"] = told.pop("one_more")
+        out: dict[str, Any] = json.loads(json.dumps(told), parse_float=lambda digits: round(float(digits), 5))
+        return out
 
     def lines(self) -> list[str]:
         """For the terminal."""

@@ -132,15 +132,6 @@ def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
     return np.asarray(number[code])
 
 
-def kind_of(picks: float, drops: float, charges: float) -> PlaceKind:
-    """What a place is for, from the shares of visits; ``park`` where the log has neither loads nor charge."""
-    if charges > MAJORITY:
-        return "charge"
-    if picks + drops > MAJORITY:
-        return "pick" if picks >= drops else "drop"
-    return "park"
-
-
 def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     """One row a place: id, kind, x, y, spread [m], visits, vehicles, dwell [s], shares of visits."""
     import pandas as pd
@@ -151,7 +142,9 @@ def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
         change, dwell = stands.after[mine] - stands.before[mine], stands.dwell[mine]
         shares = change > MIN_LOAD_CHANGE, change < -MIN_LOAD_CHANGE, stands.charged[mine] > MIN_CHARGE
         picks, drops, charges = (float(np.mean(share)) for share in shares)
-        kind = kind_of(picks, drops, charges)
+        # Where the log has neither loads nor charge, a place is one to park.
+        works: PlaceKind = "park" if picks + drops <= MAJORITY else "pick" if picks >= drops else "drop"
+        kind: PlaceKind = "charge" if charges > MAJORITY else works
         counts[kind] += 1
         x, y = float(np.median(stands.x[mine])), float(np.median(stands.y[mine]))
         spread = float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y)))

@@ -15,8 +15,7 @@ from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.power import battery_power, cell_power
-from fleetlog.simulate.arrays import Modes
-from fleetlog.simulate.state import Log, Mode
+from fleetlog.simulate.state import Log, Mode, Modes
 from fleetlog.simulate.track import Track
 from fleetlog.store.writer import DatasetWriter
 

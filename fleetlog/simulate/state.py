@@ -8,11 +8,13 @@ from enum import IntEnum
 from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
-from fleetlog.simulate.arrays import Modes
+
+Modes = NDArray[np.int8]
 
 
 class Mode(IntEnum):

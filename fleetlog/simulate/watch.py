@@ -25,8 +25,7 @@ class Watch:
     """Remembers when each truck last moved, and answers who is in whose way."""
 
     def __init__(self, roads: Roads, fleet: Fleet) -> None:
-        self.roads, self.fleet = roads, fleet
-        self._moved = fleet.moved.copy()
+        self.roads, self.fleet, self._moved = roads, fleet, fleet.moved.copy()
         self._since = np.zeros(len(fleet.mode))
         self.longest = 0.0
         """Longest time that any truck which wanted to move stood [s]."""

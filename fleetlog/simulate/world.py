@@ -14,16 +14,10 @@ from fleetlog.core.site import Site, Zone
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
+from fleetlog.simulate import junctions as between
 from fleetlog.simulate.bays import BayMaker, lay_out
 from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
-from fleetlog.simulate.junctions import (
-    Junctions,
-    conflict_lists,
-    find_junctions,
-    half_box,
-    lanes_at,
-    unique_pairs,
-)
+from fleetlog.simulate.junctions import Junctions, find_junctions, half_box
 from fleetlog.simulate.state import PLAN, Roads, Trucks, creep_speed
 from fleetlog.simulate.track import Track, assemble, build_track
 from fleetlog.simulate.ways import Ways, with_loops
@@ -134,7 +128,7 @@ def _roads(
     physics: list[Physics], walks: Floats,
 ) -> Roads:  # fmt: skip
     apart = np.append(j.conflicts, _spur_conflicts(track, j, doors, ground, truck), axis=0)
-    first, conflicts = conflict_lists(apart, len(track) + 2 * len(track.network) + len(doors))
+    first, conflicts = between.conflict_lists(apart, len(track) + 2 * len(track.network) + len(doors))
     cap = np.concatenate([caps(site, track, p) for p in physics])
     kinds = {"lane": np.int32, "crosses": np.int32}
     by_door: dict[str, Any] = {
@@ -159,9 +153,9 @@ def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], g: Track, tru
     a, b = resource[pairs].T
     passed = np.append(np.zeros(spurs, dtype=bool), [d.passed for d in doors])
     keep = (a >= 0) & ~passed[a] & ~passed[b]
-    found = unique_pairs(a[keep], b[keep])
+    found = between.unique_pairs(a[keep], b[keep])
     lane = np.array([d.lane for d in doors], dtype=np.int64)[found[:, 1] - spurs]
-    _, entered, _, target = lanes_at(track, spurs + len(doors))[:, found[:, 0]]
+    _, entered, _, target = between.lanes_at(track, spurs + len(doors))[:, found[:, 0]]
     return np.asarray(found[(entered != lane) & (target != lane)])
 
 

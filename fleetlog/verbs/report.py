@@ -30,8 +30,8 @@ def report(
     tables : write the tables too: a folder for Parquet files, or NAME.xlsx.
     output : HTML page to write.
     """
+    from fleetlog.report.report import held
     from fleetlog.report.report import report as reported
-    from fleetlog.report.tables import held
 
     opened = [inputs.as_dataset(d) for d in cast("Sequence[DatasetLike]", datasets)]
     model = None if truck is None else inputs.as_truck(truck)

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from fleetlog.core.arrays import Floats
-from fleetlog.view.extent import around
+from fleetlog.view.clock import around
 from fleetlog.view.stream import TIMELINE, Stream
 
 FIELD_OF_VIEW = np.radians(55.0)  # Of the viewer's eye, in height

@@ -1,11 +1,18 @@
-"""The time that a recording shows: all of a dataset's, one day of it, or without the silences of a log."""
+"""What a recording shows: all of the time of a dataset, one day of it, or none of the silences of a log;
+which rows of a trajectory; and what of the floor must be seen."""
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fleetlog.core.arrays import Ints
+from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.result import Flows, Grid, Marks, MovingLines, Result
+from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import InputError
 from fleetlog.store import Dataset
 
@@ -13,6 +20,8 @@ SKIPPED = "gaps skipped"  # Name of the timeline without silences: weeks play as
 MINUTE, QUIET, DAY = 60_000_000, 30, 86_400_000_000
 """A silence of the whole fleet longer than so many minutes is skipped; a minute and a day [us]."""
 MOST_LINES, MOST_DAYS = 20, 7  # Periods that the summary names, and days that an error names
+GAP = 10_000_000  # A silence longer than this [us], and than five sampling intervals, is shown as a gap
+Extent = tuple[float, float, float, float]  # xmin, ymin, xmax, ymax [m]
 
 
 class OneDay(Dataset):
@@ -86,3 +95,99 @@ def clock_of(dataset: Dataset) -> Clock | None:
         return None
     starts, ends = minutes[np.append(0, later + 1)], minutes[np.append(later, len(minutes) - 1)] + 1
     return Clock(starts * MINUTE, ends * MINUTE)
+
+
+def rows_at_rate(time: Ints, rate_hz: float) -> Ints:
+    """Indices of the first row in every interval of 1/rate, and of the last row."""
+    if not len(time):
+        return np.zeros(0, np.int64)
+    bins = time // max(round(1e6 / rate_hz), 1)
+    keep = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
+    return keep if keep[-1] == len(time) - 1 else np.append(keep, len(time) - 1)
+
+
+def gap_limit(time: Ints) -> int:
+    """Longest step between rows [us] that does not count as a gap."""
+    return max(GAP, 5 * int(np.median(np.diff(time)))) if len(time) > 1 else GAP
+
+
+def thinned(trajectory: Trajectory, rate_hz: float) -> Trajectory:
+    """The trajectory at no more than ``rate_hz``; rows beside a gap are always kept."""
+    time = trajectory.time
+    before = np.flatnonzero(np.diff(time) > gap_limit(time))
+    return trajectory[np.union1d(rows_at_rate(time, rate_hz), np.concatenate([before, before + 1]))]
+
+
+def changed(values: Floats, step: float) -> Ints:
+    """Indices at which a value has moved by ``step`` or more, or turns to or from NaN."""
+    level = np.where(np.isnan(values), -(10**9), np.floor(np.nan_to_num(values) / step + 0.5))
+    return np.flatnonzero(np.diff(level, prepend=np.inf) != 0)
+
+
+def moved(step: float, *values: Floats) -> Ints:
+    """Indices at which any value has moved by ``step`` or more, the rows before these, and both ends.
+
+    The row before a move keeps a truck standing until it sets off, however long it stood.
+    """
+    keep = np.zeros(len(values[0]), dtype=bool)
+    keep[:1] = keep[-1:] = True
+    for v in values:
+        at = changed(v, step)
+        keep[at] = True
+        keep[np.maximum(at - 1, 0)] = True
+    return np.flatnonzero(keep)
+
+
+def pieces(time: Ints, limit: int) -> list[slice]:
+    """The stretches of rows without a gap."""
+    cuts = [0, *(np.flatnonzero(np.diff(time) > limit) + 1).tolist(), len(time)]
+    return [slice(a, b) for a, b in itertools.pairwise(cuts) if b > a]
+
+
+def around(outline: Floats) -> Extent:
+    """The rectangle about points (N, 2 or 3); 20 m about the origin where there is none."""
+    if not len(outline):
+        return (-10.0, -10.0, 10.0, 10.0)
+    (x0, y0), (x1, y1) = outline[:, :2].min(axis=0), outline[:, :2].max(axis=0)
+    return float(x0), float(y0), float(x1), float(y1)
+
+
+def _stack(parts: Sequence[Any]) -> Floats:
+    """(N, 3) finite points of parts (..., 2 or 3); the floor is at height 0."""
+    flat = [np.asarray(p, float).reshape(-1, np.shape(p)[-1]) for p in parts if np.size(p)]
+    whole = np.concatenate([np.zeros((0, 3)), *(np.pad(p, ((0, 0), (0, 3 - p.shape[1]))) for p in flat)])
+    return np.asarray(whole[np.isfinite(whole).all(axis=1)], dtype=np.float64)
+
+
+def _site_parts(site: Site) -> list[Any]:
+    parts: list[Any] = [z.polygon[:, :2] for z in site.zones]
+    parts += [np.column_stack([b.polygon[:, :2], np.full(len(b.polygon), b.height)]) for b in site.buildings]
+    parts += [(p.x, p.y) for p in site.places]
+    return parts if site.network is None else [*parts, site.network.points]
+
+
+def dataset_outline(dataset: Dataset) -> Floats:
+    """(N, 3) points that must be seen [m]: of the site, or without a map also of the positions driven."""
+    parts = _site_parts(dataset.site)
+    for t in dataset.days(("x", "y")) if dataset.site.network is None else ():
+        if t.has("x") and t.has("y"):
+            x, y = ((np.nanmin(t.floats(c)), np.nanmax(t.floats(c))) for c in "xy")
+            parts.append(list(itertools.product(x, y)))
+    return _stack(parts)
+
+
+def shapes_outline(result: Result, site: Site) -> Floats:
+    """(N, 3) points that must be seen [m]: of the site and of everything that a result draws on it."""
+    parts = _site_parts(site)
+    for shape in result.shapes:
+        if isinstance(shape, Marks):
+            parts.append(shape.xy)
+        elif isinstance(shape, Flows):
+            parts += [shape.start, shape.end]
+        elif isinstance(shape, MovingLines):
+            parts += shape.lines[:1000]
+        elif isinstance(shape, Grid):
+            cells = np.argwhere(np.isfinite(shape.values) & (shape.values != 0.0))[:, ::-1]
+            ends = [cells.min(axis=0), cells.max(axis=0) + 1] if len(cells) else []
+            parts += [np.array([shape.x0, shape.y0]) + shape.cell * end for end in ends]
+    return _stack(parts)

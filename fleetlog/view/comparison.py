@@ -15,9 +15,8 @@ from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.trajectory import Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
-from fleetlog.view import blueprint, palette, thin
-from fleetlog.view.clock import opened, span_of
-from fleetlog.view.extent import dataset_outline
+from fleetlog.view import blueprint, clock, palette
+from fleetlog.view.clock import dataset_outline, opened, span_of
 from fleetlog.view.fleet import Fleet, curve_style, log_curve
 from fleetlog.view.recording import MANY, RATE, log_fleet, summary_markdown
 from fleetlog.view.scene import log_site
@@ -52,11 +51,13 @@ def write_comparison(
     recorded, simulated = opened(recorded_path, day), Dataset(simulated_path)
     if day in simulated.dates:
         simulated = opened(simulated_path, day)
-    shift = clock_shift(recorded, simulated)
+    spans = span_of(recorded), span_of(simulated)
+    (begin, end), (first, last) = (span or (0, 0) for span in spans)
+    shift = 0 if None in spans or (begin <= last and first <= end) else begin - first
     a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
     b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
-    times = [*(span_of(recorded) or ()), *(t + shift for t in span_of(simulated) or ())]
+    times = [*(spans[0] or ()), *(t + shift for t in spans[1] or ())]
     if times:
         screen.start, screen.duration = min(times), (max(times) - min(times)) * 1e-6
     text = "Recorded in orange, simulated in blue.\n"
@@ -72,12 +73,6 @@ def write_comparison(
         stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         blueprint.send(stream, _screen(screen, found))
     return Path(out_rrd)
-
-
-def clock_shift(recorded: Dataset, simulated: Dataset) -> int:
-    """Microseconds to add to the simulated times: 0 where the two overlap."""
-    a, b = span_of(recorded), span_of(simulated)
-    return 0 if a is None or b is None or (a[0] <= b[1] and b[0] <= a[1]) else a[0] - b[0]
 
 
 def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
@@ -114,7 +109,7 @@ def totals(days: list[Trajectory]) -> tuple[Ints, dict[str, Floats]]:
     rows = [np.zeros((0, 4))]
     for t in days:
         dt = np.diff(t.time, append=t.time[-1:])
-        dt = np.where(dt > thin.gap_limit(t.time), 0, dt) * 1e-6
+        dt = np.where(dt > clock.gap_limit(t.time), 0, dt) * 1e-6
         speed, power = np.nan_to_num(t.floats("speed")), np.nan_to_num(t.floats("battery_power"))
         rows.append(np.column_stack([t.time // BIN, (speed > STANDING_SPEED) * dt, speed * dt, power * dt]))
     table = np.concatenate(rows)
@@ -135,7 +130,7 @@ def at_times(other: Trajectory, name: str, time: Any) -> Floats:
     t, v = other.time[known], values[known]
     after = np.clip(np.searchsorted(t, time), 1, len(t) - 1)
     out = np.interp(time, t, v, left=np.nan, right=np.nan)
-    out[(t[after] - t[after - 1]) > thin.gap_limit(t)] = np.nan
+    out[(t[after] - t[after - 1]) > clock.gap_limit(t)] = np.nan
     return np.asarray(out, dtype=np.float64)
 
 
@@ -144,7 +139,7 @@ def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats
     time, columns = recorded.time, ("x", "y", "battery_power", "soc")
     dx, dy, power, soc = (at_times(simulated, c, time) - recorded.floats(c) for c in columns)
     # Nothing is spent while the power is unknown, and over a gap.
-    step = np.where(np.diff(time) > thin.gap_limit(time), 0.0, np.diff(time) * 1e-6)
+    step = np.where(np.diff(time) > clock.gap_limit(time), 0.0, np.diff(time) * 1e-6)
     spent = np.append(0.0, np.cumsum(0.5 * np.nan_to_num(power[1:] + power[:-1]) * step)) / 3.6e6
     energy = np.where(np.isfinite(power).any(), spent, np.nan)
     every = {"apart": np.hypot(dx, dy), "power": power * 1e-3, "energy": energy, "soc": soc * 100.0}

@@ -110,15 +110,8 @@ def rows_while(times: Ints, start: Ints, end: Ints) -> tuple[Ints, Ints]:
 
 def mean_number(edges: Ints, start: Ints, end: Ints) -> Floats:
     """(T - 1,) how many stretches there are on average between each two of the (T,) ``edges``."""
-    return np.asarray(np.diff(_behind(edges, start) - _behind(edges, end)) / np.diff(edges))
-
-
-def _behind(edges: Ints, moments: Ints) -> Ints:
-    """(T,) sum of the time from each of the ``moments`` to each of the ``edges`` that is later [us]."""
-    moments = np.sort(np.clip(moments, edges[0], edges[-1])) - edges[0]
-    passed = np.searchsorted(moments, edges - edges[0])
-    sums = np.concatenate([[0], np.cumsum(moments)])
-    return np.asarray(passed * (edges - edges[0]) - sums[passed], dtype=np.int64)
+    shared = [(np.clip(end, a, b) - np.clip(start, a, b)).sum() for a, b in itertools.pairwise(edges)]
+    return np.asarray(shared / np.diff(edges))
 
 
 def log_events(stream: Stream, h: Happenings, lanes: list[Lane]) -> set[str]:

@@ -19,7 +19,7 @@ from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
-from fleetlog.view import palette, thin
+from fleetlog.view import clock, palette
 from fleetlog.view.palette import Colour
 from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF
 from fleetlog.view.stream import Stream, entity, ui_points
@@ -32,6 +32,7 @@ TRAIL_STEP = 4
 SOC_RATE = 0.2  # Samples a second of the SOC curve at most
 STEP = 0.03  # A truck is drawn anew when it has moved this far [m]: less is noise that nobody sees
 FAR_FROM_FLOOR = 10.0  # [m]
+SAME = 1e-12  # Values of a curve that differ by less are equal
 MIN_LOAD = 1.0  # Payload [kg] above which a load is drawn
 COLUMNS = (
     "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power",
@@ -55,7 +56,7 @@ class Fleet:
         for date in self.dataset.dates:
             day = self.dataset.read(vehicle, date, COLUMNS)
             if len(day):
-                kept = thin.thinned(day, self.rate_hz)
+                kept = clock.thinned(day, self.rate_hz)
                 yield Trajectory(vehicle, kept.time + self.shift, kept.columns)
 
     def lanes(self, origin: int | None) -> list["Lane"]:
@@ -106,20 +107,20 @@ def heights(t: Trajectory, site: Site) -> Floats:
 def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool) -> set[str]:
     """One day of one vehicle, already thinned; the signals that it has."""
     moving = t[np.isfinite(t.floats("x")) & np.isfinite(t.floats("y"))]
-    limit = thin.gap_limit(t.time)
+    limit = clock.gap_limit(t.time)
     signals = set()
     for column, (signal, factor) in CURVES.items():
         if t.has(column):
-            slow = thin.thinned(t, SOC_RATE) if signal == "soc" else t
+            slow = clock.thinned(t, SOC_RATE) if signal == "soc" else t
             curve = with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
             log_curve(stream, lane.path(signal), *curve)
             signals.add(signal)
     if len(moving):
         floor = np.column_stack([moving.floats("x"), moving.floats("y"), heights(moving, site)])
-        keep = thin.moved(STEP, *floor.T)
+        keep = clock.moved(STEP, *floor.T)
         places = floor[keep].astype(np.float32)
         stream.columns(lane.path("trucks"), moving.time[keep], rr.Transform3D, translation=places)
-        _log_presence(stream, lane, moving, max(limit, thin.gap_limit(moving.time)), labels)
+        _log_presence(stream, lane, moving, max(limit, clock.gap_limit(moving.time)), labels)
         _log_fork(stream, lane, moving)
         _log_trail(stream, lane, moving, floor, limit)
         if site.frame is not None:
@@ -143,7 +144,7 @@ def log_curve(stream: Stream, path: str, time: Ints, values: Floats, style: Any 
     """A curve over time, runs of equal values cut to their ends; ``style`` where it has none yet."""
     if style is not None:
         stream.static(path, style)
-    keep = thin.runs_collapsed(values)
+    keep = clock.moved(SAME, values)
     stream.columns(path, time[keep], rr.Scalars, scalars=values[keep])
 
 
@@ -158,7 +159,7 @@ def with_gaps(time: Ints, values: Floats, limit: int, last: int | None) -> tuple
 
 def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels: bool) -> None:
     """Dot, heading and SOC bar, all nothing while nothing is known of the truck."""
-    cuts = thin.pieces(t.time, limit)
+    cuts = clock.pieces(t.time, limit)
     begins, hidden = t.time[[s.start for s in cuts]], t.time[[s.stop - 1 for s in cuts]] + limit
     if lane.last is None and lane.origin is not None and lane.origin < begins[0]:
         hidden = np.append(lane.origin, hidden)
@@ -167,7 +168,7 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
     stream.static(path, dot)
     point, names = np.tile([0.0, 0.0, 1.0], (len(cuts), 1)), [lane.vehicle] * len(cuts)
     stream.parts(path, time, shown, rr.Points3D, positions=point, labels=names)
-    starts = [s.start for s in thin.pieces(t.time, thin.gap_limit(t.time))]
+    starts = [s.start for s in clock.pieces(t.time, clock.gap_limit(t.time))]
     _log_heading(stream, lane, t, starts, hidden)
     if t.has("soc"):
         _log_bar(stream, lane, t, starts, hidden)
@@ -183,7 +184,7 @@ def _in_order(shown: Ints, hidden: Ints) -> tuple[Ints, Ints, Ints]:
 def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
     """Turns of the body; it shrinks to nothing at the times at which it is ``hidden``."""
     heading = t.floats("heading")
-    keep = thin.changed(heading, np.radians(2.0))
+    keep = clock.changed(heading, np.radians(2.0))
     keep = np.union1d(keep[np.isfinite(heading[keep])], starts)
     time, order, shown = _in_order(t.time[keep], hidden)
     turn = np.append(np.nan_to_num(heading[keep]), np.zeros(len(hidden)))[order]
@@ -196,7 +197,7 @@ def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], h
 def _log_bar(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
     """A dark bar with a coloured part as long as the battery is full, redrawn at every per cent."""
     soc = t.floats("soc")
-    keep = np.union1d(thin.changed(soc, 0.01), starts)
+    keep = np.union1d(clock.changed(soc, 0.01), starts)
     keep = keep[np.isfinite(soc[keep])]
     time, _, shown = _in_order(t.time[keep], hidden)
     split = BAR_HALF * (2.0 * np.clip(soc[keep], 0.03, 1.0) - 1.0)
@@ -213,7 +214,7 @@ def _log_fork(stream: Stream, lane: Lane, t: Trajectory) -> None:
     path = lane.path("trucks", "body", "fork")
     if t.has("fork_height"):
         height = np.clip(np.nan_to_num(t.floats("fork_height")), 0.0, None)
-        keep = thin.changed(height, 0.02)
+        keep = clock.changed(height, 0.02)
         lift = np.column_stack([np.zeros((len(keep), 2)), height[keep]])
         stream.columns(path, t.time[keep], rr.Transform3D, translation=lift)
     if t.has("payload"):
@@ -229,9 +230,9 @@ def _log_trail(stream: Stream, lane: Lane, t: Trajectory, floor: Floats, limit: 
     """Short strips, each at the time of its end, so that a trailing window shows the way just driven."""
     xyz = (floor + np.array([0.0, 0.0, 0.12])).astype(np.float32)
     rows: list[Ints] = []
-    for piece in thin.pieces(t.time, limit):
+    for piece in clock.pieces(t.time, limit):
         inner = np.arange(piece.start, piece.stop)
-        inner = inner[thin.moved(5.0 * STEP, *xyz[inner].T)]
+        inner = inner[clock.moved(5.0 * STEP, *xyz[inner].T)]
         rows += [inner[k : k + TRAIL_STEP + 1] for k in range(0, len(inner) - 1, TRAIL_STEP)]
     rows = [r for r in rows if np.ptp(xyz[r], axis=0).max() > 0.05]
     path, when = lane.path("trail"), np.array([t.time[r[-1]] for r in rows], np.int64)
@@ -240,8 +241,8 @@ def _log_trail(stream: Stream, lane: Lane, t: Trajectory, floor: Floats, limit: 
 
 
 def _log_map(stream: Stream, lane: Lane, t: Trajectory, frame: Frame) -> None:
-    slow = thin.rows_at_rate(t.time, 1.0)
-    keep = slow[thin.moved(10.0 * STEP, t.floats("x")[slow], t.floats("y")[slow])]
+    slow = clock.rows_at_rate(t.time, 1.0)
+    keep = slow[clock.moved(10.0 * STEP, t.floats("x")[slow], t.floats("y")[slow])]
     where = np.column_stack(frame.to_geographic(t.floats("x")[keep], t.floats("y")[keep]))
     path = lane.path("geo")
     stream.static(path, rr.GeoPoints.from_fields(radii=ui_points(5.0), colors=[lane.colour]))

@@ -10,7 +10,7 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.result import EdgeValues, Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
 from fleetlog.view import palette, ribbons
-from fleetlog.view.extent import Extent, around, shapes_outline
+from fleetlog.view.clock import Extent, around, shapes_outline
 from fleetlog.view.palette import Scale, colour_map
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import rerun.blueprint as rrb
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
-from fleetlog.view import blueprint, palette, ribbons, thin
-from fleetlog.view.extent import Extent, around, shapes_outline
+from fleetlog.view import blueprint, clock, palette, ribbons
+from fleetlog.view.clock import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
 from fleetlog.view.palette import Scale, scales_of, screen_colours
 from fleetlog.view.ribbons import mesh3d
@@ -73,7 +73,10 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
         case Series(over_time=False):
             return f"**{_title(shape.name)}** ({shape.y_label} over {shape.x_label}) is in the picture"
         case Series():
-            _log_series(stream, shape)
+            for i, (name, values) in enumerate(shape.y.items()):
+                style = curve_style(name.replace("_", " "), palette.vehicle_colour(i))
+                curve = with_gaps(shape.x, np.asarray(values, float), clock.gap_limit(shape.x), None)
+                log_curve(stream, entity("curves", shape.name, name), *curve, style)
         case Marks() if len(shape.xy):
             _log_marks(stream, path, shape)
     return ""
@@ -162,13 +165,6 @@ def _log_lines(stream: Stream, path: str, shape: MovingLines) -> None:
     dots, tints = strips.reshape(-1, 3), np.repeat(colours, 2, axis=0)
     stream.static(f"{path}/trucks", rr.Points3D.from_fields(radii=ui_points(5.0)))
     stream.parts(f"{path}/trucks", shape.time, 2 * lengths, rr.Points3D, positions=dots, colors=tints)
-
-
-def _log_series(stream: Stream, shape: Series) -> None:
-    for i, (name, values) in enumerate(shape.y.items()):
-        style = curve_style(name.replace("_", " "), palette.vehicle_colour(i))
-        curve = with_gaps(shape.x, np.asarray(values, float), thin.gap_limit(shape.x), None)
-        log_curve(stream, entity("curves", shape.name, name), *curve, style)
 
 
 def _short(value: float) -> str:

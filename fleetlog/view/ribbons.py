@@ -8,30 +8,17 @@ import numpy as np
 import rerun as rr
 
 from fleetlog.core.arrays import Floats, Ints
+from fleetlog.simulate.track import shifted
 from fleetlog.view.palette import Colour
 
 POINTS, DASH = 25, 1.6  # Points of an arc, and length of the dashes of a broken one [m]
 RISE, LOWEST, HIGHEST = 0.16, 1.5, 11.0  # Height of an arc over its span, and its bounds [m]
-HEAD = 1.3  # Length of an arrow's head [m]
-
-
-def side_vectors(points: Floats) -> Floats:
-    """(n, 2) vectors to the left at every vertex, of length 1, mitred (at most twofold) at bends."""
-    d = np.diff(points[:, :2], axis=0)
-    d /= np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-9)
-    left = np.column_stack([-d[:, 1], d[:, 0]])
-    before, after = np.vstack([left[:1], left]), np.vstack([left, left[-1:]])
-    mean = before + after
-    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
-    cosine = np.clip((mean * after).sum(axis=1), 0.5, 1.0)
-    return np.asarray(mean / cosine[:, None], dtype=np.float64)
+HEAD, SPACING = 1.3, 14.0  # Length of an arrow's head, and between arrows on a road [m]
 
 
 def offset(points: Floats, left: float) -> Floats:
     """The polyline (n, 3) moved to its left by ``left`` metres."""
-    out = np.array(points, dtype=np.float64)
-    out[:, :2] += side_vectors(points) * left
-    return out
+    return np.column_stack([shifted(points[:, :2], left), points[:, 2]])
 
 
 def ribbon(points: Floats, left: float, right: float, lift: float = 0.0) -> Floats:
@@ -55,13 +42,13 @@ def stretch(points: Floats, start: float, end: float) -> Floats:
     return np.column_stack([np.interp(at, run, c) for c in points.T])
 
 
-def arrows(points: Floats, size: float, spacing: float = 14.0, lift: float = 0.0) -> Floats:
-    """Chevrons along a polyline, one every ``spacing`` metres, and one at least from three sizes on."""
+def arrows(points: Floats, size: float, lift: float) -> Floats:
+    """Chevrons along a polyline, one every ``SPACING`` metres, and one at least from three sizes on."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     run = np.append(0.0, np.cumsum(steps))
     if run[-1] < 3.0 * size:
         return np.zeros((0, 3, 3))
-    count = max(1, int(run[-1] / spacing))
+    count = max(1, int(run[-1] / SPACING))
     distance = (np.arange(count) + 0.5) * run[-1] / count
     k = np.clip(np.searchsorted(run, distance, side="right") - 1, 0, len(steps) - 1)
     d = np.diff(points, axis=0)[k] / np.maximum(steps[k], 1e-9)[:, None]
@@ -153,9 +140,9 @@ def broken(start: Floats, end: Floats) -> list[Floats]:
     return [line[k : k + 2] for k in range(0, len(line), 2)]
 
 
-def ring(radius: float, height: float, corners: int = 28) -> Floats:
-    """(corners + 1, 3) a circle about the origin."""
-    turn = np.linspace(0.0, 2.0 * np.pi, corners + 1)
+def ring(radius: float, height: float) -> Floats:
+    """(29, 3) a circle about the origin."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 29)
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.full(len(turn), height)])
 
 

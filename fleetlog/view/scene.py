@@ -9,7 +9,7 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame, Place, Site
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.view import palette, ribbons, thin
+from fleetlog.view import clock, palette, ribbons
 from fleetlog.view.ribbons import mesh3d
 from fleetlog.view.stream import Stream, entity, ui_points
 
@@ -60,7 +60,7 @@ def _log_roads(stream: Stream, site: Site) -> None:
         outer = (left, right) if not two_way else (right,) if site.traffic == "right" else (left,)
         rims += [ribbons.offset(line, o) + RAISED for o in outer]
         middle = ribbons.offset(line, (left + right) / 2.0)
-        marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.07), palette.ARROW))
+        marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), 0.07), palette.ARROW))
     # Discs as wide as the widest road close the gaps between ribbons.
     surface += [
         (ribbons.disc(x, y, r, z + 0.008, corners=20), palette.ROAD)
@@ -133,7 +133,7 @@ def ways_of(t: Trajectory) -> list[Floats]:
     if len(xy) < 2:
         return []
     step = np.hypot(*np.diff(xy, axis=0).T)
-    cuts = np.flatnonzero((np.diff(time) > thin.gap_limit(time)) | (step > BREAK)) + 1
+    cuts = np.flatnonzero((np.diff(time) > clock.gap_limit(time)) | (step > BREAK)) + 1
     every = max(1, len(xy) // POINTS_A_DAY)
     pieces = [p[np.unique(np.append(np.arange(0, len(p), every), len(p) - 1))] for p in np.split(xy, cuts)]
     return [p for p in pieces if len(p) > 1]

@@ -9,8 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from fleetlog.analysis.placement.demand import peak, urgency
-from fleetlog.analysis.placement.ranks import flow_counts, link_matrix, rank, visit_share, vote_scores
+from fleetlog.analysis.placement.demand import (
+    flow_counts,
+    link_matrix,
+    peak,
+    rank,
+    urgency,
+    visit_share,
+    vote_scores,
+)
 from fleetlog.analysis.placement.select import cover, p_median, spaced, top_k
 
 from .toy import NAMES, RUNS, distances, visits

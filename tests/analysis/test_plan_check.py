@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleetlog.analysis.chargers import chargers
-from fleetlog.analysis.placement.check import try_plan, with_chargers
-from fleetlog.analysis.placement.costs import driving_costs, edge_energies
+from fleetlog.analysis.placement.plan import driving_costs, edge_energies
+from fleetlog.analysis.placement.report import try_plan, with_chargers
 from fleetlog.analysis.placement.select import p_median
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.truck import truck_from_dict

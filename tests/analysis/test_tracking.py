@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fleetlog.analysis.clusters.episodes import JACCARD, LEAVE, episodes
 from fleetlog.analysis.clusters.steps import Crowds, together
-from fleetlog.analysis.clusters.tracking import JACCARD, LEAVE, episodes
 
 LIMIT, STEP, TRUCKS = 1.0, 1_000_000, 6
 NAMES = tuple(f"T{k}" for k in range(TRUCKS))

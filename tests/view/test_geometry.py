@@ -72,7 +72,7 @@ def test_stretch_is_the_part_asked_for(a: float, b: float) -> None:
 
 def test_arrows_point_along_the_road() -> None:
     line = np.array([[0, 0, 0], [40, 30, 0]], float)
-    triangles = ribbons.arrows(line, 1.0)
+    triangles = ribbons.arrows(line, 1.0, 0.0)
     tips, backs = triangles[:, 0], triangles[:, 1:].mean(axis=1)
     along = (tips - backs) @ np.array([0.8, 0.6, 0.0])
     assert len(triangles) == 2 * 3 and (along > 0).all()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.view import thin
+from fleetlog.view import clock
 
 walks = hnp.arrays(float, st.integers(1, 80), elements=st.floats(-0.2, 0.2)).map(np.cumsum)
 levels = hnp.arrays(float, st.integers(1, 60), elements=st.sampled_from([0.0, 1.0, 2.5, float("nan")]))
@@ -19,7 +19,7 @@ times = hnp.arrays(np.int64, st.integers(2, 80), elements=st.integers(1, 40_000_
 
 @given(levels)
 def test_collapsed_runs_come_back_by_interpolation(values: np.ndarray) -> None:
-    keep = thin.runs_collapsed(values)
+    keep = clock.moved(1e-12, values)
     at = np.arange(len(values))
     last = keep[np.searchsorted(keep, at, side="right") - 1]
     following = keep[np.searchsorted(keep, at, side="left")]
@@ -31,7 +31,7 @@ def test_collapsed_runs_come_back_by_interpolation(values: np.ndarray) -> None:
 def test_held_position_is_never_a_step_wrong(x: np.ndarray, y: np.ndarray, step: float) -> None:
     n = min(len(x), len(y))
     x, y = x[:n], y[:n]
-    keep = thin.moved(step, x, y)
+    keep = clock.moved(step, x, y)
     held = keep[np.searchsorted(keep, np.arange(n), side="right") - 1]
     assert np.abs(x[held] - x).max() <= step * (1 + 1e-9) and np.abs(y[held] - y).max() <= step * (1 + 1e-9)
     assert keep[0] == 0 and keep[-1] == n - 1
@@ -39,20 +39,20 @@ def test_held_position_is_never_a_step_wrong(x: np.ndarray, y: np.ndarray, step:
 
 @given(times, st.floats(0.2, 20.0))
 def test_rate_and_gaps(time: np.ndarray, rate: float) -> None:
-    kept = thin.thinned(Trajectory("v", time, {"x": time * 1.0}), rate)
+    kept = clock.thinned(Trajectory("v", time, {"x": time * 1.0}), rate)
     assert set(kept.time) <= set(time) and kept.time[0] == time[0] and kept.time[-1] == time[-1]
     np.testing.assert_array_equal(kept.floats("x"), kept.time)
-    for row in np.flatnonzero(np.diff(time) > thin.gap_limit(time)):
+    for row in np.flatnonzero(np.diff(time) > clock.gap_limit(time)):
         assert {time[row], time[row + 1]} <= set(kept.time)
-    inner = thin.rows_at_rate(time, rate)[:-1]
+    inner = clock.rows_at_rate(time, rate)[:-1]
     bins = time[inner] // max(round(1e6 / rate), 1)
     assert (np.diff(bins) > 0).all()
 
 
 @given(times)
 def test_pieces_are_the_rows_without_gaps(time: np.ndarray) -> None:
-    limit = thin.gap_limit(time)
-    cuts = thin.pieces(time, limit)
+    limit = clock.gap_limit(time)
+    cuts = clock.pieces(time, limit)
     assert [i for s in cuts for i in range(s.start, s.stop)] == list(range(len(time)))
     assert all((np.diff(time[s]) <= limit).all() for s in cuts)
     assert all(time[b.start] - time[a.stop - 1] > limit for a, b in itertools.pairwise(cuts))

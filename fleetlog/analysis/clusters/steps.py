@@ -118,16 +118,6 @@ def _about(dataset: Dataset, vehicle: str, date: str, start: int, stop: int) -> 
     return t[a:b], standing_by(t)[a:b]
 
 
-def distance_lists(network: Network, threshold: float) -> tuple[Ints, Index, Floats, Index]:
-    """For every edge the edges that begin within ``threshold`` metres of its end; see ``reachable``."""
-    from fleetlog.analysis.clusters.kernels import reachable
-
-    lists: tuple[Ints, Index, Floats, Index] = reachable(
-        network.length, network.next_first, network.next_edges, float(threshold)
-    )
-    return lists
-
-
 @dataclass(frozen=True)
 class Rule:
     """What a cluster is: driving distance within which trucks belong together [m], mean speed under which
@@ -177,9 +167,9 @@ def find_crowds(dataset: Dataset, date: str, start: int, stop: int, rule: Rule) 
 
 def _clusters(fleet: Fleet, edge: Index, network: Network, rule: Rule) -> Crowds:
     """Clusters at every step of the trucks that have an ``edge`` (T, V)."""
-    from fleetlog.analysis.clusters.kernels import cluster_steps
+    from fleetlog.analysis.clusters.kernels import cluster_steps, reachable
 
-    near = distance_lists(network, rule.threshold)
+    near = reachable(network.length, network.next_first, network.next_edges, float(rule.threshold))
     labels, arcs, arc_first = cluster_steps(edge, fleet.offset, network.length, *near, rule.threshold)
     trucks = labels.shape[1]
     row, truck = np.nonzero(labels >= 0)

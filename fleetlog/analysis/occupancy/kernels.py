@@ -1,9 +1,9 @@
-"""Numba kernels of the heat map."""
+"""The Numba kernel of the heat map."""
 
 import numpy as np
 
 from fleetlog.compiling import kernel
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Floats, Ints, Mask
 
 
 @kernel()
@@ -29,45 +29,22 @@ def accumulate(
             last = -1
             continue
         pieces = int(length / (0.5 * cell)) + 1
+        part = dt / pieces
         v, w = 0.5 * (speed[i] + speed[i + 1]), 0.5 * (power[i] + power[i + 1])
         for k in range(pieces):
             f = (k + 0.5) / pieces
             c, r = (x[i] + f * dx - x0) / cell, (y[i] + f * dy - y0) / cell
             here = int(r) * columns + int(c) if 0.0 <= c < columns and 0.0 <= r < rows else -1
-            _add(flat, here, last, dt / pieces, v, w, standing)
-            last = here
-
-
-@kernel()
-def along_edges(
-    edge: Index, offset: Floats, time: Ints, speed: Floats, power: Floats, standing: float,
-    use: Mask, first_bin: Ints, size: float, max_gap: float, out: Floats,
-) -> None:  # fmt: skip
-    """Add the same layers of every stretch to ``out`` (6, bins); a row stands for the time after it."""
-    last = -1
-    for i in range(len(edge) - 1):
-        dt = (time[i + 1] - time[i]) * 1e-6
-        e = edge[i]
-        here = -1
-        if e >= 0 and 0.0 < dt <= max_gap and use[i]:
-            stretches = first_bin[e + 1] - first_bin[e]
-            here = first_bin[e] + min(int(offset[i] / size), stretches - 1)
-        _add(out, here, last, dt, speed[i], power[i], standing)
-        last = here
-
-
-@kernel()
-def _add(out: Floats, here: int, last: int, dt: float, v: float, w: float, standing: float) -> None:
-    """Add a time to the cell ``here`` (-1 for none), with speed and power where these are not NaN."""
-    if here < 0:
-        return
-    out[0, here] += dt
-    if v == v:
-        out[1, here] += v * dt
-        if v < standing:
-            out[3, here] += dt
-    if w == w:
-        out[2, here] += w * dt
-        out[5, here] += dt
-    if here != last:
-        out[4, here] += 1.0
+            came, last = here != last, here
+            if here < 0:
+                continue
+            flat[0, here] += part
+            if v == v:
+                flat[1, here] += v * part
+                if v < standing:
+                    flat[3, here] += part
+            if w == w:
+                flat[2, here] += w * part
+                flat[5, here] += part
+            if came:
+                flat[4, here] += 1.0

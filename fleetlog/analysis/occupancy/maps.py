@@ -196,19 +196,29 @@ def _patches(
 
 
 def _patch(t: Trajectory, use: Mask, c: Cells, network: Network | None) -> Patch:
-    from fleetlog.analysis.occupancy.kernels import accumulate, along_edges
+    from fleetlog.analysis.occupancy.kernels import accumulate
 
-    first = stretches(network)
-    grid, edges = np.zeros((6, c.rows, c.columns)), np.zeros((6, int(first[-1])))
+    grid = np.zeros((6, c.rows, c.columns))
     step = t.time, t.floats("speed"), t.floats("battery_power"), STANDING_SPEED, use
     accumulate(t.floats("x"), t.floats("y"), *step, c.x0, c.y0, c.cell, MAX_GAP, grid)
-    if network is not None:
-        edge, offset = t.labels("edge_id").recode(network.index), np.nan_to_num(t.floats("edge_offset"))
-        along_edges(edge, offset, *step, first, STRETCH, MAX_GAP, edges)
+    edges = np.zeros((6, 0)) if network is None else _along_edges(t, use, network)
     row, column = np.nonzero(grid[0] > 0.0)
     driven = np.flatnonzero(edges[0] > 0.0)
     origin = round(c.y0 / c.cell), round(c.x0 / c.cell)
     return Patch(row + origin[0], column + origin[1], grid[:, row, column], driven, edges[:, driven])
+
+
+def _along_edges(t: Trajectory, use: Mask, network: Network) -> Floats:
+    """(6, bins) the layers of every stretch; a row stands for the time after it."""
+    first, edge, dt = stretches(network), t.labels("edge_id").recode(network.index), np.diff(t.time) * 1e-6
+    number = np.maximum(np.nan_to_num(t.floats("edge_offset")), 0.0) // STRETCH
+    place = np.minimum(first[edge] + number, first[edge + 1] - 1)[:-1]
+    here = np.where((edge[:-1] >= 0) & (dt > 0.0) & (dt <= MAX_GAP) & use[:-1], place, -1).astype(np.int64)
+    v, w = (t.floats(c)[:-1] for c in ("speed", "battery_power"))
+    came, known, on = np.diff(here, prepend=-1) != 0, np.isfinite(w), here >= 0
+    still = v < STANDING_SPEED
+    layers = dt, np.nan_to_num(v) * dt, np.where(known, w, 0.0) * dt, still * dt, came, known * dt
+    return np.array([np.bincount(here[on], layer[on], first[-1]) for layer in layers])
 
 
 def _groups(t: Trajectory, by: Grouping | None) -> dict[str, Mask]:

@@ -1,4 +1,5 @@
-"""One question about sites, and the steps of its answer: share, rank, demand, choice, stability."""
+"""One question about sites: what drives cost, and the steps of its answer: share, rank, demand, choice,
+stability."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -6,15 +7,20 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
 
-from fleetlog.analysis.placement.costs import Metric, vertex_distances
-from fleetlog.analysis.placement.demand import Unit
-from fleetlog.analysis.placement.ranks import flow_counts, rank, visit_share, vote_scores
+from fleetlog.analysis.placement.demand import Unit, flow_counts, rank, visit_share, vote_scores
 from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.network import Network
+from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 
+Metric = Literal["distance", "time", "energy"]
+UNITS = {"distance": "m", "time": "s", "energy": "Wh"}
+USUAL_SPEED = 2.5  # Where a road states no limit and no truck is given [m/s]
+PIECE = 2.0  # Length over which speed and slope are taken as constant [m]
 Method = Literal["pmedian", "spaced", "topk", "cover"]
 Variant = Literal["flow", "vote", "urgency"]
 Demand = Literal["urgency", "standing", "visits", "rank", "loading"]
@@ -26,6 +32,53 @@ NEXT_BEST = {
 NOTHING = "nothing of the kind in the data"
 VOTE_LENGTH = 30.0
 MAX_LEFT_OUT = 30  # So many days or trucks are left out in turn, to see how stable a choice is
+
+
+def driving_costs(network: Network, metric: Metric, truck: Truck | None = None) -> Floats:
+    """(n, n) cheapest drive from vertex (row) to vertex (column) in m, s or Wh; inf where there is none."""
+    if metric == "distance":
+        return vertex_distances(network)
+    if metric == "time":
+        return vertex_distances(network, network.length / edge_speeds(network, truck))
+    if truck is None:
+        raise DataError("the metric energy needs a truck", do="name one with --truck")
+    return vertex_distances(network, edge_energies(network, truck))
+
+
+def edge_speeds(network: Network, truck: Truck | None = None) -> Floats:
+    """(E,) speed limit [m/s], under the truck's own where one is given."""
+    top = USUAL_SPEED if truck is None else truck.drive.max_speed
+    limit = np.where(np.isfinite(network.speed_limit), network.speed_limit, top)
+    return limit if truck is None else np.minimum(limit * truck.drive.speed_factor, top)
+
+
+def edge_energies(network: Network, truck: Truck) -> Floats:
+    """(E,) Wh that the empty truck takes from its battery over an edge at steady speed, by the nominal model.
+
+    Direction and grade count, since the slope of an edge is taken along its own direction.  An edge on which
+    more comes back than is spent counts as nothing: a drive is never chosen for what it gives back.
+    """
+    from fleetlog.core.motion import Motion
+    from fleetlog.physics.power import Physics, battery_power
+
+    edge, offset = network.stations(PIECE)
+    size = (network.length / np.bincount(edge, minlength=len(network)))[edge]
+    speed, slope = edge_speeds(network, truck)[edge], network.slope(edge, offset)
+    motion = Motion.of(len(edge), speed=speed, dt=size / speed, slope=slope, edge=edge, edge_offset=offset)
+    watts = battery_power(motion, Physics(truck))
+    return np.maximum(np.bincount(edge, watts * motion.dt, len(network)), 0.0) / 3600.0
+
+
+def vertex_distances(network: Network, weight: Floats | None = None) -> Floats:
+    """(n, n) shortest driving distance from vertex i (row) to vertex j (column); inf where there is no way.
+
+    ``weight`` (E,) replaces length: seconds or joules an edge.
+    """
+    cost = np.full((len(network.node_ids),) * 2, np.inf)
+    # Of parallel edges the shortest counts.
+    np.minimum.at(cost, (network.start, network.end), network.length if weight is None else weight)
+    graph = sparse.csr_array(np.where(np.isfinite(cost), np.maximum(cost, 1e-9), 0.0))
+    return np.asarray(dijkstra(graph))
 
 
 @dataclass(frozen=True)

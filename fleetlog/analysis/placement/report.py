@@ -1,17 +1,23 @@
-"""What is said about chosen sites: how far, against what, how stable, how many plugs."""
+"""What is said about chosen sites: how far, against what, how stable, how many plugs; a plan simulated."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.placement.costs import UNITS
 from fleetlog.analysis.placement.demand import Unit, peak
-from fleetlog.analysis.placement.plan import Question, Weighed, total
+from fleetlog.analysis.placement.plan import UNITS, Question, Weighed, total
 from fleetlog.analysis.placement.select import Choice, finite, greedy, top_k
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.network import Network
+from fleetlog.core.site import Place, Site
+from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, listed, percent
+from fleetlog.simulate.engine import Settings
+from fleetlog.simulate.limits import Summary
+from fleetlog.simulate.scenario import Scenario
+from fleetlog.store import Dataset
 
 DRAWS = 200
 MOST = 4  # Sites in the first sentence
@@ -24,9 +30,7 @@ def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
     w, d = weight[ok], nearest_site[ok]
     if not len(d):
         return {"mean": float("nan"), "p95": float("nan"), "unreachable_share": 1.0}
-    order = np.argsort(d)
-    cumulated = np.cumsum(w[order])
-    p95 = d[order][min(int(np.searchsorted(cumulated, 0.95 * cumulated[-1])), len(d) - 1)]
+    p95 = np.quantile(d, 0.95, weights=w, method="inverted_cdf")
     mean, unreachable = np.average(d, weights=w), 1 - w.sum() / weight.sum()
     return {"mean": float(mean), "p95": float(p95), "unreachable_share": float(unreachable)}
 
@@ -133,3 +137,64 @@ def _check_lines(c: dict[str, Any]) -> list[str]:
             for r, name in ((before, "present"), (after, "planned"))
         ),
     ]
+
+
+def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Settings) -> dict[str, Any]:
+    """Simulate ``before`` (the site's own chargers) and ``after`` (``sites``: x, y, plugs), all else equal.
+
+    Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads,
+    they are random, and then only the seed is the same.  The power of a planned plug is that of the site's
+    first charger that states one.
+    """
+    from fleetlog.simulate.demand import like
+
+    if dataset.kind == "recorded":
+        start = np.datetime64(str(dataset.meta["start"]).rstrip("Z"), "us").astype(np.int64)
+        settings = replace(settings, start=int(start))
+    own = {p.id for p in dataset.site.places}
+    of = settings.vehicles, settings.start, settings.duration, settings.seed
+    site, demand, notes = like(dataset, dataset.site, truck, *of)
+    mined = frozenset(p.id for p in site.places) - own
+    planned = with_chargers(site, sites)
+    new = frozenset(p.id for p in planned.places if p.kind == "charge")
+    present = Scenario(site, truck, settings, demand, mined=mined)
+    both = {"before": present, "after": replace(present, site=planned, mined=mined | new)}
+    out: dict[str, Any] = {
+        "vehicles": settings.vehicles, "hours": settings.duration / 3600.0, "seed": settings.seed,
+        "soc_start": settings.soc,
+    }  # fmt: skip
+    for name, scenario in both.items():
+        chargers = [p for p in scenario.site.places if p.kind == "charge"]
+        plugs = sum(1 if p.id in scenario.mined else max(p.plugs, 1) for p in chargers)
+        out[name] = _compared(scenario.run(), plugs)
+    return out | {"notes": notes}
+
+
+def with_chargers(site: Site, sites: pd.DataFrame) -> Site:
+    """The site with its chargers replaced by the planned ones, one place a plug."""
+    present = [p for p in site.places if p.kind == "charge"]
+    power = next((p.power for p in present if np.isfinite(p.power)), float("nan"))
+    kept = [p for p in site.places if p.kind != "charge"]
+    taken = {p.id for p in kept}
+    new = []
+    columns = (sites[c].to_numpy(dtype=float) for c in ("x", "y", "plugs"))
+    for number, (x, y, plugs) in enumerate(zip(*columns, strict=True), start=1):
+        for plug in range(int(plugs)):
+            name = f"charger-{number}" + (f"-{plug + 1}" if plug else "")
+            while name in taken:
+                name += "p"
+            new.append(Place(name, "charge", float(x), float(y), power=power))
+    return replace(site, places=(*new, *kept))
+
+
+def _compared(summary: Summary, plugs: int) -> dict[str, Any]:
+    """What a trial is judged by."""
+    count = summary.count
+    return {
+        "plugs": plugs, "soc_lowest": summary.soc_lowest, "soc_mean": summary.soc_mean,
+        "soc_end_mean": float(np.mean(summary.soc_end)), "soc_end_lowest": min(summary.soc_end),
+        "waiting_for_plug_h": summary.limits.waiting_s["chargers"] / 3600.0,
+        "empty_trucks": len(count.empty), "tasks_given": count.tasks_given, "tasks_done": count.tasks_done,
+        "charges": count.charges, "charged_kwh": summary.charged_wh / 1000.0,
+        "driven_km": summary.distance_m / 1000.0, "notes": summary.notes,
+    }  # fmt: skip

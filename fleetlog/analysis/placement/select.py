@@ -16,7 +16,7 @@ from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.words import percent
 from fleetlog.errors import DataError
 
-STARTS, MOST_ROUNDS = 10, 10_000
+STARTS, MOST_ROUNDS, ROUNDS = 10, 10_000, 3000
 EXACT_CELLS = 20_000  # Up to so many demand-site pairs HiGHS settles the p-median when the bound leaves a gap
 CAPACITY_CELLS = 200_000
 PATIENCE = 60.0
@@ -50,15 +50,13 @@ def p_median(
     instance HiGHS.  The objective is the weighted mean distance.  ``capacity`` is the largest share of all
     demand that one site may serve; then HiGHS solves it whole, and demand may go past its nearest site.
     """
-    from fleetlog.analysis.placement.kernels import lagrangian
-
     every = np.arange(distance.shape[1])
     candidates = np.flatnonzero(~np.isin(every, forbidden) | np.isin(every, forced))
     k, must = min(k, len(candidates)), np.isin(candidates, forced)
     if k < max(1, len(forced)):
         raise DataError(f"{k} sites cannot hold {len(forced)} forced ones", do="raise -k or force fewer")
     total = max(float(weight.sum()), 1e-300)
-    cost = np.ascontiguousarray((weight[:, None] * finite(distance))[weight > 0][:, candidates] / total)
+    cost = (weight[:, None] * finite(distance))[weight > 0][:, candidates] / total
     if capacity is not None and capacity < 1.0:
         return _capacitated(cost, weight[weight > 0] / total, candidates, k, must, capacity)
     fixed, free = np.flatnonzero(must), np.flatnonzero(~must)
@@ -68,7 +66,7 @@ def p_median(
     found = [interchange(cost, start, must) for start in starts]
     chosen, value = min(found, key=lambda f: (round(f[1], 12), tuple(f[0])))
     start = np.median(cost, axis=1) * 0.5 + np.min(cost, axis=1) * 0.5
-    bound = lagrangian(np.ascontiguousarray(cost.T), start, k, must, value, 3000, 1e-9)
+    bound = lagrangian(cost, start, k, must, value)
     if value - bound > 1e-9 * max(value, 1e-300) and cost.size <= EXACT_CELLS:
         result = _program(cost, k, must)
         chosen, value = np.flatnonzero(result.x[: len(candidates)] > 0.5), float(result.fun)
@@ -118,6 +116,32 @@ def interchange(cost: Floats, sites: Ints, fixed: Mask) -> tuple[Ints, float]:
             break
         chosen[out] = new
     return np.sort(chosen), float(np.cumsum(cost[:, chosen].min(axis=1))[-1])
+
+
+def lagrangian(cost: Floats, u: Floats, k: int, forced: Mask, upper: float) -> float:
+    """A lower bound of the p-median cost: subgradient steps on the relaxed "every demand is served once".
+
+    ``cost`` (m, n) is of demand i to site j, ``u`` (m,) multipliers to start from, which are changed.
+    L(u) = sum_i u_i + sum of the k smallest of rho_j, where rho_j = sum_i min(0, c_ij - u_i); forced sites
+    are always among the k.  Stops when the bound is as good as ``upper``.
+    """
+    best, scale, stale = -np.inf, 1.5, 0
+    for _ in range(ROUNDS):
+        saved = np.minimum(cost - u[:, None], 0.0)
+        rho = saved.sum(axis=0)
+        picked = np.argsort(np.where(forced, -np.inf, rho))[:k]
+        bound = float(u.sum() + rho[picked].sum())
+        stale += 1
+        if bound > best + 1e-9 * abs(upper):
+            best, stale = bound, 0
+        elif stale >= 12:
+            scale, stale = scale * 0.6, 0
+        unserved = 1.0 - (saved[:, picked] < 0.0).sum(axis=1)
+        norm = float(unserved @ unserved)
+        if norm == 0.0 or scale < 1e-4 or upper - best <= 1e-9 * upper:
+            break
+        u += scale * (1.02 * upper - bound) / norm * unserved
+    return best
 
 
 def _capacitated(
