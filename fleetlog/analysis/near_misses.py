@@ -78,7 +78,8 @@ def _marks(table: pd.DataFrame) -> Marks:
     which = seconds.loc[worst.index].fillna(np.inf).idxmin(axis=1)
     labels = tuple(f"{name} {s:.1f} s" for name, s in zip(which, worst, strict=True))
     at = table.loc[worst.index, ["x", "y"]].to_numpy(float)
-    return Marks("near misses", at, labels, np.full(len(at), 1.0), "critical")
+    note = f"marked: the {len(at)} closest of {len(table)}" if len(table) > len(at) else ""
+    return Marks("near misses", at, labels, np.full(len(at), 1.0), "critical", note=note)
 
 
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:

@@ -51,7 +51,8 @@ def speeding(
     }  # fmt: skip
     worst = table.head(WORST)
     labels, size = tuple(f"{v:.1f} m/s" for v in worst["top_speed"]), np.full(len(worst), 1.0)
-    marks = Marks("speeding", worst[["x", "y"]].to_numpy(float), labels, size, "critical")
+    note = f"marked: the {len(worst)} longest of {len(table)}" if len(table) > len(worst) else ""
+    marks = Marks("speeding", worst[["x", "y"]].to_numpy(float), labels, size, "critical", note=note)
     return Result("speeding", summary, {}, {"speeding": table}, [marks], _lines(summary, table))
 
 

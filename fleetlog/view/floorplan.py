@@ -107,6 +107,8 @@ def draw_overlay(axes: Axes, result: Result, layer: str | None = None) -> None:
             _draw_flows(axes, shape)
         elif isinstance(shape, Marks) and len(shape.xy) and shape.on in (None, layer):
             _draw_marks(axes, shape, taken)
+            if shape.note:
+                _note(axes, shape.note)
 
 
 def _draw_flows(axes: Axes, flows: Flows) -> None:

@@ -304,10 +304,7 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
 def _pruned(problem: Problem, found: Search) -> Search:
     """Drop what is not needed beside the rest, or has come to an implausible number beside it."""
     while len(found.joint.chosen) > 1:
-        shorter = [
-            refit(problem, without(found.joint, h), [c for c in found.joint.chosen if c is not h], steps=2)
-            for h in found.joint.chosen
-        ]
+        shorter = [_without(problem, found.joint, h) for h in found.joint.chosen]
         best = min(shorter, key=lambda j: j.score)
         bound = [
             j for j, h in zip(shorter, found.joint.chosen, strict=True) if _on_bound(problem, found.joint, h)
@@ -316,6 +313,22 @@ def _pruned(problem: Problem, found: Search) -> Search:
             break
         found.joint = min(bound or [best], key=lambda j: j.score)
     return found
+
+
+def _without(problem: Problem, joint: Joint, dropped: Hypothesis) -> Joint:
+    """The fit without one hypothesis; of the others those with shapes are scanned anew.
+
+    A threshold that was set beside it may be another alone.
+    """
+    left = refit(problem, without(joint, dropped), [c for c in joint.chosen if c is not dropped], steps=2)
+    for h in [h for h in left.chosen if h.setting]:
+        forms = [f for f in problem.rest if f.setting and (f.term, f.knobs) == (h.term, h.knobs)]
+        model = without(left, h)
+        sums = problem.sums(model, [*left.chosen, *forms])
+        tried = [scored(problem, sums, model, [form if c is h else c for c in left.chosen]) for form in forms]
+        best = min(tried, key=lambda j: j.score, default=left)
+        left = min(left, refit(problem, model, best.chosen, steps=2), key=lambda j: j.score)
+    return left
 
 
 def _shaped(problem: Problem, found: Search) -> Search:
