@@ -30,6 +30,7 @@ STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 shows hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
 LEAST_SWING = 1.0  # Rows that scatter by less than this [W] are as good as a logger writes them
 MOST_HUNTED = 6  # Roads on which trucks may hunt for their speed in a way of their own
+SILENCE = 0.05  # Of a window, that the log may be silent beside it: half of that is its error
 LEAP = 0.005  # A rise of the charge from row to row that no braking gives
 RIPPLE = ErrorSource("ripple", 2.0)
 ERRORS = (ErrorSource("sampling", 0.5), RIPPLE, ErrorSource("lag", 0.15))
@@ -70,7 +71,8 @@ class EnergyChannel(Channel):
         if self.between is not None:
             likely = self._likely_power(block, c, self.between)
             block = replace(block, motion=block.motion.replaced(power=likely[block.row]))
-        energy = _recorded(block, c, self.name, 3600.0 * self.truck.battery.capacity_wh)
+        capacity = 3600.0 * self.truck.battery.capacity_wh
+        energy = _recorded(block, c, self.name, capacity, SILENCE * self.seconds)
         frame = windows.describe(block, c)
         whole = np.isfinite(energy) & self._seen_lifts(block, c, frame.duration, energy)
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
@@ -323,14 +325,19 @@ class EnergyChannel(Channel):
         ])  # fmt: skip
 
 
-def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:
-    """(windows,) kJ that the channel shows; NaN where rows miss or the battery is charged or swapped."""
+def _recorded(block: Block, c: Cut, channel: str, capacity: float, silence: float) -> Floats:
+    """(windows,) kJ that the channel shows; NaN where rows miss, for so many seconds beside a window of the
+    charge, or where the battery is charged or swapped."""
     charged = _charged(block, c)
     if channel == "battery_power":
         energy = np.bincount(c.of_row, block.power * block.seconds, c.count) * 1e-3
         return np.asarray(np.where(charged, np.nan, energy), dtype=np.float64)
     first = np.flatnonzero(np.concatenate([[True], np.diff(c.of_row) != 0]))
     soc = block.soc
+    # Of a silence of the log each of the windows beside it would count half the charge that went in it.
+    unseen = np.diff(block.time) - 0.5 * (block.seconds[1:] + block.seconds[:-1])
+    before = np.flatnonzero(unseen > silence)
+    charged[c.of_row[np.concatenate([before, before + 1])]] = True
     # A row stands for the time around its stamp, so a window begins half way between two stamps.
     border = np.concatenate([soc[:1], 0.5 * (soc[first[1:] - 1] + soc[first[1:]]), soc[-1:]])
     return np.where(charged, np.nan, -np.diff(border) * capacity * 1e-3)
