@@ -50,7 +50,7 @@ class Part:
     not say.
     """
 
-    line: int
+    line: int = 0
     tod: int = -1
     day: int = 0
     rank: int = 0
@@ -109,16 +109,18 @@ def kind_of(frame: bytes) -> str:
     return frame.split(b",", 1)[0].decode().removeprefix("$")
 
 
-def decode(frame: bytes, line: int) -> Part | None:
-    """What a frame says; None for a kind without motion; :class:`ValueError` for broken fields."""
+def decode(frame: bytes, line: int) -> Part:
+    """What a frame says, nothing for a kind without motion; :class:`ValueError` for broken fields."""
     address = kind_of(frame)
     if address == "UBX-0107":
         return _nav_pvt(frame, line)
     kind = address[2:]
     if address[0] == "P" or kind not in RANKS:
-        return None
+        return Part()
     types = NMEA_PAYLOADS_GET[kind]
     cells = frame.decode().rstrip("\r\n").partition("*")[0].split(",")[1:]
+    if len(cells) < (9 if kind in ("GGA", "GNS", "RMC") else 4):
+        raise ValueError("the sentence has too few fields")
     written = {name: cell for name, cell in zip(types, cells, strict=False) if cell}
     part = Part(line)
     state = written.get(_STATES.get(kind, ""), "")
@@ -166,9 +168,8 @@ def _nav_pvt(frame: bytes, line: int) -> Part:
     """NAV-PVT: date, time, fix type, 1e-7 degrees, mm, mm/s, 1e-5 degrees."""
     if len(frame) < 8 + _PVT.size:
         raise ValueError("NAV-PVT is too short")
-    told = _PVT.unpack_from(frame, 6)
-    (year, month, day, hour, minute, second, known, nano, fix, flags), places = told[:10], told[10:]
-    satellites, longitude, latitude, above_sea, speed, course = places
+    year, month, day, hour, minute, second, known, nano, fix, flags, *rest = _PVT.unpack_from(frame, 6)
+    satellites, longitude, latitude, above_sea, speed, course = rest
     part = Part(line, valid=fix in (2, 3, 4) and bool(flags & 1))
     if known & 2:
         # Rounded to 10 ms, as the same receiver's sentences are, so that both make one fix.

@@ -13,7 +13,7 @@ from pathlib import Path
 from fleetlog.core.words import count
 from fleetlog.importers._nmea import RANKS, Part, decode, frames, kind_of
 from fleetlog.importers._open import ReadReport, open_bytes
-from fleetlog.importers._rows import Rows
+from fleetlog.importers._rows import Rows, gather
 from fleetlog.importers._times import DAY
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
@@ -37,10 +37,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     rows = Rows("latitude", "longitude", share=lambda: raw.share)
     reader = _Reader(rows, options.name)
     with stream:
-        for frame in frames(stream):
-            reader.take(*frame)
-            if rows.full:
-                yield rows.take()
+        yield from gather(frames(stream), reader.take, rows)
     reader.close()
     if not rows.total:
         wanted = "RMC or ZDA as well" if reader.waiting else "RMC or GGA sentences or UBX NAV-PVT"
@@ -57,11 +54,12 @@ class _Reader:
         self.kinds: Counter[str] = Counter()
         self.ais = self.unchecked = self.no_fix = 0
         self.waiting: list[Part] = []  # Fixes before the first date
-        self._open: Part | None = None
+        self._open = Part()
         self._last: Part | None = None  # The last fix with a date
 
-    def take(self, line: int, frame: bytes, fault: str | None) -> None:
+    def take(self, found: tuple[int, bytes, str | None], _: int) -> None:
         """One more frame; what cannot be used is rejected."""
+        line, frame, fault = found
         kind = kind_of(frame)
         if kind[0] == "!" or kind[-3:] in _AIS:
             self.ais += 1
@@ -69,27 +67,22 @@ class _Reader:
         unchecked = kind[:3] != "UBX" and b"*" not in frame
         if fault is None and unchecked and self.kinds and not self.unchecked:
             fault = "the sentence has no checksum, unlike those before it"
-        part = None
         if fault is None:
             self.unchecked += unchecked
             self.kinds[kind] += 1
             try:
-                part = decode(frame, line)
+                self._add(decode(frame, line))
             except (ValueError, OverflowError) as error:
                 fault = f"{kind}: {error}"
         if fault is not None:
             self.rows.reject(line, fault, kind if kind[:3] == "UBX" else frame.decode().strip())
-        if part is not None:
-            self._add(part)
 
     def _add(self, part: Part) -> None:
         """A new time of day closes the fix before it."""
-        if self._open is not None and -1 != self._open.tod != part.tod != -1:
+        if self._open.tod >= 0 and part.tod not in (-1, self._open.tod):
             self.close()
         fix = self._open
-        if fix is None:
-            self._open = part
-            return
+        fix.line = fix.line or part.line
         fix.tod, fix.day = max(fix.tod, part.tod), part.day or fix.day
         fix.valid = fix.valid if part.valid is None else part.valid or bool(fix.valid)
         fix.values = fix.values | part.values if part.rank > fix.rank else part.values | fix.values
@@ -97,8 +90,8 @@ class _Reader:
 
     def close(self) -> None:
         """End the current fix; the first with a date gives one to those before it, from the last back."""
-        fix, self._open, last = self._open, None, self._last
-        if fix is None or fix.tod < 0:
+        fix, self._open, last = self._open, Part(), self._last
+        if fix.tod < 0:
             return
         if last is not None and not fix.day:
             fix.day = last.day + (last.tod - fix.tod > DAY // 2)

@@ -222,12 +222,12 @@ def test_nmea_date_from_zda_and_motion_from_vtg(tmp_path: Path) -> None:
     ("cells", "reason"),
     [("06050,A,4807.038,N,01131.000,E", "time cannot be read: 06050"), ("060500,A,4867.038,N,01131.000,E", "lat cannot be"),
      ("060500,A,4807.038,X,01131.000,E", "position is not whole"), ("060500,A,4807.038,N,,", "position is not whole"),
-     ("060500,A,4807.038,N,-1131.000,E", "lon cannot be read: -1131.000")],
+     ("060500,A,4807.038,N,-1131.000,E", "lon cannot be read: -1131.000"), ("060500", "too few fields")],
 )  # fmt: skip
 def test_nmea_damage_under_a_right_checksum(cells: str, reason: str, tmp_path: Path) -> None:
     path = tmp_path / "a.nmea"
     good = "RMC,060459,A,4807.038,N,01131.000,E,1.0,0.0,020326,,,A"
-    path.write_text(sentence(f"GP{good}") + sentence(f"GPRMC,{cells},1.0,0.0,020326,,,A"))
+    path.write_text(sentence(f"GP{good}") + sentence(f"GPRMC,{cells},1.0,0.0,020326"))
     read = read_log(path)
     assert read.rows == 1
     assert [why for why in read.rejects if reason in why] and sum(read.rejects.values()) == 1
