@@ -179,6 +179,60 @@ def gga(clock: str, minute: str = "00.0000") -> str:
     return sentence(f"GPGGA,{clock},49{minute},N,00906.0000,E,1,08,0.9,100.0,M,47.0,M,,")
 
 
+def test_nmea_sentences_that_everybody_quotes(tmp_path: Path) -> None:
+    """GGA and RMC of one moment; values by hand: 48 degrees 7.038', 22.4 knots, course 84.4."""
+    path = tmp_path / "a.nmea"
+    path.write_text(
+        "$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,TSTR*46\r\n"
+        "$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n"
+        "$GPRMC,123520,V,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*77\r\n"
+    )
+    read = read_log(path)
+    values = {name: read.column(name).tolist() for name in read.columns}
+    assert values.pop("time") == [np.datetime64("1994-03-23T12:35:19", "us").astype(np.int64)]
+    assert {name: value for name, (value,) in values.items()} == pytest.approx(
+        {"latitude": 48.1173, "longitude": 11.0 + 31.0 / 60.0, "z": 545.4, "gps_quality": 1.0, "satellites": 8.0,
+         "hdop": 0.9, "speed": 11.5235556, "heading": math.radians(5.6)}, rel=1e-8
+    )  # fmt: skip
+    assert "1 moment without a fix left out" in read.report.notes and not read.rejects
+
+
+def test_nmea_date_from_zda_and_motion_from_vtg(tmp_path: Path) -> None:
+    """West and south are negative; a course of 360 degrees is north."""
+    path = tmp_path / "a.nmea"
+    path.write_text(
+        "$GPZDA,201530.00,04,07,2002,00,00*60\r\n$GPGLL,4916.45,N,12311.12,W,225444,A*31\r\n"
+        "$GPVTG,054.7,T,034.4,M,005.5,N,010.2,K*48\r\n"
+        "$GPRMC,081836,A,3751.65,S,14507.36,E,000.0,360.0,130998,011.3,E*62\r\n"
+    )
+    read = read_log(path)
+    times = np.array(["2002-07-04T22:54:44", "1998-09-13T08:18:36"], "datetime64[us]")
+    np.testing.assert_array_equal(read.column("time"), times.astype(np.int64))
+    np.testing.assert_allclose(
+        read.column("latitude"), [49.0 + 16.45 / 60.0, -37.0 - 51.65 / 60.0], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        read.column("longitude"), [-123.0 - 11.12 / 60.0, 145.0 + 7.36 / 60.0], atol=1e-9
+    )
+    np.testing.assert_allclose(read.column("speed"), [5.5 * 1852.0 / 3600.0, 0.0])
+    np.testing.assert_allclose(read.column("heading"), [math.radians(35.3), math.pi / 2])
+
+
+@pytest.mark.parametrize(
+    ("cells", "reason"),
+    [("06050,A,4807.038,N,01131.000,E", "time cannot be read: 06050"), ("060500,A,4867.038,N,01131.000,E", "lat cannot be"),
+     ("060500,A,4807.038,X,01131.000,E", "position is not whole"), ("060500,A,4807.038,N,,", "position is not whole"),
+     ("060500,A,4807.038,N,-1131.000,E", "lon cannot be read: -1131.000"), ("060500", "too few fields")],
+)  # fmt: skip
+def test_nmea_damage_under_a_right_checksum(cells: str, reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.nmea"
+    good = "RMC,060459,A,4807.038,N,01131.000,E,1.0,0.0,020326,,,A"
+    path.write_text(sentence(f"GP{good}") + sentence(f"GPRMC,{cells},1.0,0.0,020326"))
+    read = read_log(path)
+    assert read.rows == 1
+    assert [why for why in read.rejects if reason in why] and sum(read.rejects.values()) == 1
+
+
 def test_nmea_past_midnight_and_dates_in_hindsight(tmp_path: Path) -> None:
     path = tmp_path / "a.nmea"
     rmc = sentence("GNRMC,235959.00,A,4900.0000,N,00906.0000,E,10.0,90.0,310126,,,A")
