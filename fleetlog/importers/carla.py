@@ -81,7 +81,7 @@ class _Log:
                 self._names |= dict(_added(data))
             elif kind == POSITION:
                 self._places(data, number)
-        except (Damaged, struct.error, OverflowError) as error:
+        except (Damaged, struct.error, ValueError, OverflowError) as error:
             self.rows.reject(number, f"the packet of kind {kind} is damaged", error)
 
     def _places(self, data: bytes, number: int) -> None:
