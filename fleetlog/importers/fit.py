@@ -28,10 +28,11 @@ def sniff(path: Path, head: bytes) -> bool:
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a record with a position; a file that breaks off gives what is before."""
-    fitdecode = extra("fitdecode", "fit", "reading FIT needs fitdecode", path, FormatError)
     stream, raw = open_bytes(path, options.report)
     rows = Rows("latitude", "longitude", share=lambda: raw.share)
-    with stream, fitdecode.FitReader(stream, error_handling=fitdecode.ErrorHandling.IGNORE) as frames:
+    with stream:
+        fitdecode = extra("fitdecode", "fit", "reading FIT needs fitdecode", path, FormatError)
+        frames = fitdecode.FitReader(stream, error_handling=fitdecode.ErrorHandling.IGNORE)
         records = (f for f in frames if isinstance(f, fitdecode.FitDataMessage) and f.name == "record")
         try:
             yield from gather(records, partial(_add, rows, options.name), rows)
