@@ -1,13 +1,17 @@
 """What an analysis answers: numbers, tables and a few shapes; ``store`` writes it, ``view`` draws it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from power import AIR, GRAVITY, HZ, Motion, coefficients
+from power import AIR, GRAVITY, HZ, Motion, coefficients, supplied
 from trucks import Truck
 
 if TYPE_CHECKING:
@@ -68,10 +68,8 @@ def drive(w: World, m: Motion, own: Truck, vehicle: int) -> tuple[Motion, np.nda
     x, y, heading, speed, wheel, force = ridden.T
     v = np.where(m.v > 0.0, np.maximum(speed, 1e-3), 0.0)
     bend = np.where(v > 0.4, np.gradient(heading) * HZ / np.maximum(v, 0.4), 0.0)
-    lifted = (m.load * c["payload"] + c["carriage"]) * GRAVITY * np.maximum(m.lift, 0.0) / c["lift"]
-    terminal = _drawn(wheel, force, speed, c) + lifted + c["power"] + c["load"]
     moved = replace(m, x=x, y=y, heading=heading, v=v, bend=bend)
-    return moved, terminal, terminal + c["ohm"] * (terminal / c["voltage"]) ** 2
+    return moved, *supplied(m, c, m.load * c["payload"], _drawn(wheel, force, speed, c))
 
 
 def _drawn(wheel: np.ndarray, force: np.ndarray, speed: np.ndarray, c: dict[str, Any]) -> np.ndarray:
@@ -160,19 +158,21 @@ class Ride:
         drag += mass * GRAVITY * c["scrub"][k] * abs(m.bend[k])
         drag *= min(max(v, 0.0) / 0.1, 1.0)
         data.xfrc_applied[1, :2] = -drag * cos, -drag * sin
-        self.steer(k, yaw)
-        dx, dy = m.x[k] - data.qpos[0], m.y[k] - data.qpos[1]
-        behind = float(np.clip(dx * np.cos(m.heading[k]) + dy * np.sin(m.heading[k]), -0.5, 0.5))
-        wanted = max(m.v[k] + HASTE * behind + self.ahead[k] / HZ, 0.0)
+        behind, beside = self.off(k)
+        self.steer(k, yaw, beside)
+        wanted = max(m.v[k] + HASTE * float(np.clip(behind, -0.5, 0.5)) + self.ahead[k] / HZ, 0.0)
         pull = mass * (self.ahead[k] + EAGER * (wanted - v) + GRAVITY * (c["rolling"][k] + slope)) + drag
         data.ctrl[:2] = np.clip(pull * RADIUS / 2.0, -STRONGEST, STRONGEST)
 
-    def steer(self, k: int, yaw: float) -> None:
+    def off(self, k: int) -> tuple[float, float]:
+        """How far the truck is behind the plan, and to the right of it [m]."""
+        dx, dy = self.m.x[k] - self.data.qpos[0], self.m.y[k] - self.data.qpos[1]
+        cos, sin = np.cos(self.m.heading[k]), np.sin(self.m.heading[k])
+        return float(dx * cos + dy * sin), float(-dx * sin + dy * cos)
+
+    def steer(self, k: int, yaw: float, beside: float) -> None:
         """Turn the rear wheel for the bend of the path, and back to it."""
-        m = self.m
-        dx, dy = m.x[k] - self.data.qpos[0], m.y[k] - self.data.qpos[1]
-        beside = -dx * np.sin(m.heading[k]) + dy * np.cos(m.heading[k])
-        bend = m.bend[k] + STIFF * beside + STRAIGHT * (m.heading[k] - yaw)
+        bend = self.m.bend[k] + STIFF * beside + STRAIGHT * (self.m.heading[k] - yaw)
         self.data.ctrl[2] = -np.arctan(BASE * np.clip(bend, -0.6, 0.6))
 
     def weigh(self, mass: float) -> None:

@@ -75,6 +75,13 @@ def balance(
     wheel = force * m.v
     drive = np.where(wheel > 0, wheel / c["efficiency"] * c["factor"], wheel * c["regeneration"])
     drive += c["copper"] * force**2 * moving
+    return supplied(m, c, load, drive)
+
+
+def supplied(
+    m: Motion, c: dict[str, Any], load: np.ndarray, drive: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(terminal, cell) power at every tick [W] that the drive, the hydraulics and all else take."""
     lifting = (load + c["carriage"]) * GRAVITY * np.maximum(m.lift, 0.0) / c["lift"]
     terminal = drive + lifting + c["power"] + c["load"]
     return terminal, terminal + c["ohm"] * (terminal / c["voltage"]) ** 2

@@ -14,7 +14,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.discovery.channels.base import Channel, Unit
-from fleetlog.discovery.hypotheses.curves import SLOW, UNIT, FreeCurve
+from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve, power_curves
 
 DILUTED = 0.002
 """Power that is measured with errors of this share of its square makes whatever is proportional to it look
@@ -52,14 +52,7 @@ def learn(
 
     ``motion`` is the same channel that looks at no recorded power; rows miss the energy by ``hidden`` of it.
     """
-    vehicles = tuple(float(k) for k in range(len(channel.vehicles)))
-    curves = (
-        FreeCurve("drive", (), ()),
-        FreeCurve("power", (), ()),
-        FreeCurve("drive", ("vehicle_id",), (vehicles,)),
-        FreeCurve("power", ("vehicle_id",), (vehicles,)),
-        *(FreeCurve("power", (name,), (k,)) for name, k in channel.knots.items() if name in SLOW),
-    )
+    curves = power_curves(channel.knots, len(channel.vehicles))
     found = []
     for unit, use in units:
         told, columns = motion.columns(unit, channel.base, curves)

@@ -39,13 +39,13 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     step = _charge_step(fleet) if name == "soc" else 0.0
     window = _window(fleet, name, settings, step)
     channel = EnergyChannel(name, fleet, base, window, _cells(fleet), measured, charge_step=step)
-    hidden = channel.settle(settings, split)
+    hidden = channel.settle(settings, split, final=False)
     if measured and hidden**2 > DILUTED:
         # As wide as leaves enough of them to see what the battery does as it empties.
         most = min(WIDEST, fleet.seconds / (ENOUGH * settings.fewest))
         wider = float(np.clip(window * hidden**2 / DILUTED, window, max(most, window)))
         channel = EnergyChannel(name, fleet, base, wider, channel.places, measured, charge_step=step)
-        channel.settle(settings, split)
+        channel.settle(settings, split, final=True)
     return channel
 
 

@@ -87,11 +87,12 @@ class EnergyChannel(Channel):
         level = c.energy(block, (replace(e, measured=None) if self.measured else e).power)
         return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, (block, c))
 
-    def settle(self, settings: Settings, split: Split) -> float:
+    def settle(self, settings: Settings, split: Split, *, final: bool) -> float:
         """Measure the model's own error, and return the error of sampling: by how much of its energy a
         window's residual changes with every second row left out.
 
         The mean of half the rows scatters about that of all by as much as that does about the truth.
+        ``final``: where rows miss much, learn to tell recorded power from the motion, too.
         """
         changed = size = 0.0
         looked = zip(self.fleet.days, self._looked_at(split, settings), strict=False)
@@ -100,7 +101,7 @@ class EnergyChannel(Channel):
             changed += float((change[use] ** 2).sum())
             size += float((unit.recorded[use] ** 2).sum())
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
-        if self.measured and hidden**2 > DILUTED:
+        if final and self.measured and hidden**2 > DILUTED:
             motion, seen = replace(self, measured=False), self._looked_at(split, settings)
             told = learn(self, motion, seen, hidden, settings.evidence)
             if told.share > 0.5:
@@ -335,9 +336,8 @@ def _recorded(block: Block, c: Cut, channel: str, capacity: float, silence: floa
     first = np.flatnonzero(np.concatenate([[True], np.diff(c.of_row) != 0]))
     soc = block.soc
     # Of a silence of the log each of the windows beside it would count half the charge that went in it.
-    unseen = np.diff(block.time) - 0.5 * (block.seconds[1:] + block.seconds[:-1])
-    before = np.flatnonzero(unseen > silence)
-    charged[c.of_row[np.concatenate([before, before + 1])]] = True
+    after = np.flatnonzero(block.silence[1:] > silence) + 1
+    charged[c.of_row[np.concatenate([after - 1, after])]] = True
     # A row stands for the time around its stamp, so a window begins half way between two stamps.
     border = np.concatenate([soc[:1], 0.5 * (soc[first[1:] - 1] + soc[first[1:]]), soc[-1:]])
     return np.where(charged, np.nan, -np.diff(border) * capacity * 1e-3)

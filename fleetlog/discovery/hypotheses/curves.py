@@ -112,6 +112,14 @@ def charge_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> list
     return slow + [c for c in _by_class(vehicles, 1) if c.mode == "power"]
 
 
+def power_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> tuple[FreeCurve, ...]:
+    """Return the curves by which recorded power may differ from the model's: first the fleet's two."""
+    who = (((), ()), (("vehicle_id",), (_codes(vehicles),)))
+    modes: tuple[Mode, ...] = ("drive", "power")
+    slow = (FreeCurve("power", (name,), (k,)) for name, k in knots.items() if name in SLOW)
+    return (*(FreeCurve(m, names, k) for names, k in who for m in modes), *slow)
+
+
 def time_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> list[FreeCurve]:
     """Return the free curves of travel time: a share of it by each variable."""
     out = [FreeCurve("time", ("heading",), (), 2)]

@@ -19,6 +19,7 @@ from fleetlog.physics.motion import Reconstruction, reconstruct
 
 DAY = 86_400_000_000  # Microseconds
 TRIP = 1_000_000  # Trip codes count on from this much of each vehicle
+ROUNDED = 1e-3  # Seconds between samples that are no silence: steps are kept in single precision
 EXACT = ("time", "x", "y")  # What of a motion is kept in double precision: it may be far from its origin
 WHOLE = ("vehicle", "day", "recipe", "fresh")  # What of a block is no array
 
@@ -99,13 +100,18 @@ class Block:
         return np.minimum(found, len(self.motion) - 1).astype(np.int32)
 
     @cached_property
+    def silence(self) -> Floats:
+        """(rows,) for how long the log was silent before a row [s]."""
+        m = self.motion
+        gap = m.time[1:] - m.time[:-1] - 0.5 * (m.dt[1:] + m.dt[:-1])
+        out = np.zeros(len(self))
+        out[self.row[1:][gap > ROUNDED]] = gap[gap > ROUNDED]
+        return out
+
+    @property
     def silent(self) -> Mask:
         """(rows,) whether the log was silent before a row."""
-        m = self.motion
-        gap = m.time[1:] - m.time[:-1] - 0.5 * (m.dt[1:] + m.dt[:-1]) > 1e-3
-        out = np.zeros(len(self), bool)
-        out[self.row[1:][gap]] = True
-        return out
+        return self.silence > 0.0
 
 
 def joined(parts: list[Block]) -> Block:

@@ -148,10 +148,7 @@ def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> _
         return None
     # What is off by less than counts, but nearer to the others than to none, has the same logger as they.
     usual = float(np.median(list(off.values())))
-    close = {
-        v for v, (m, e) in found.items() if abs(m - usual) < abs(m - right) and abs(m - right) > SURE * e
-    }
-    off = {v: m for v, (m, _) in found.items() if v in off or v in close}
+    off = {v: m for v, (m, e) in found.items() if v in off or abs(m - right) > max(abs(m - usual), SURE * e)}
     values, errors = np.array(list(off.values())), np.array([found[v][1] for v in off])
     whole = len(off) == len(found)
     if whole and np.ptp(values) < SURE * errors.max():

@@ -323,10 +323,12 @@ def _without(problem: Problem, joint: Joint, dropped: Hypothesis) -> Joint:
     left = refit(problem, without(joint, dropped), [c for c in joint.chosen if c is not dropped], steps=2)
     for h in [h for h in left.chosen if h.setting]:
         forms = [f for f in problem.rest if f.setting and (f.term, f.knobs) == (h.term, h.knobs)]
+        if not forms:
+            continue
         model = without(left, h)
         sums = problem.sums(model, [*left.chosen, *forms])
         tried = [scored(problem, sums, model, [form if c is h else c for c in left.chosen]) for form in forms]
-        best = min(tried, key=lambda j: j.score, default=left)
+        best = min(tried, key=lambda j: j.score)
         left = min(left, refit(problem, model, best.chosen, steps=2), key=lambda j: j.score)
     return left
 
