@@ -7,18 +7,17 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Channel
-from fleetlog.discovery.hypotheses.curves import UNIT
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses, scanned
+from fleetlog.discovery.hypotheses.sources import UNIT
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.report import fields, others, words
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Finding, Parameter, interval
 from fleetlog.discovery.search.forward import Search, search
-from fleetlog.discovery.search.joint import Joint, covariance, errors, refit
+from fleetlog.discovery.search.joint import Joint, covariance, errors, refit, without
 from fleetlog.discovery.search.judge import judge, strongest
 from fleetlog.discovery.search.problem import Problem
-from fleetlog.discovery.search.sizes import without
 
 EXCLUDED = 4.0
 """Logarithm of the odds by which an excluded rival must be behind: 55 to 1, about two standard errors."""

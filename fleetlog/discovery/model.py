@@ -1,4 +1,4 @@
-"""The model at a stage of the search: coordinates of numbers by fleet and vehicle, fields over cells."""
+"""The model at a stage of the search: its numbers, whom and when they concern, and its fields over cells."""
 
 from __future__ import annotations
 
@@ -11,11 +11,47 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
-from fleetlog.discovery.hypotheses.scope import FLEET, Scope
-from fleetlog.discovery.hypotheses.stretches import Cells
-from fleetlog.physics.own import Own
-from fleetlog.physics.power import Physics, all_terms
+from fleetlog.discovery.hypotheses.cells import Cells
+from fleetlog.physics.power import Own, Physics, all_terms, share
 from fleetlog.physics.term import Parameter, Term, Values
+
+
+@dataclass(frozen=True, order=True)
+class Scope:
+    """``vehicles``: codes, none for all; from ``begin`` to ``until`` [s since 1970], or growing over that."""
+
+    vehicles: tuple[int, ...] = ()
+    begin: float = -np.inf
+    until: float = np.inf
+    drift: bool = False
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is the fleet, always."""
+        return self == FLEET
+
+    @property
+    def timed(self) -> bool:
+        """Whether it is a part of the time only."""
+        return bool(np.isfinite(self.begin) or np.isfinite(self.until))
+
+    @property
+    def one(self) -> int | None:
+        """The one vehicle that it is, always; its columns are the fleet's, in the rows of the vehicle."""
+        return self.vehicles[0] if len(self.vehicles) == 1 and not self.timed else None
+
+    def covers(self, vehicle: int) -> bool:
+        """Return whether a vehicle belongs to it."""
+        return not self.vehicles or vehicle in self.vehicles
+
+    def share(self, vehicle: int, time: Floats) -> Floats:
+        """Return how far it holds for a vehicle at some times, (N,): 0 to 1."""
+        if not self.covers(vehicle):
+            return np.zeros(len(time))
+        return share(time, self.begin, self.until, self.drift)
+
+
+FLEET = Scope()
 
 
 @dataclass(frozen=True, order=True)

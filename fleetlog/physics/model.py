@@ -31,8 +31,7 @@ from fleetlog.core.schema import anything, flag, list_of, load_toml, moment, rea
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.physics.field import Field, load_field, mirrored, save_field
-from fleetlog.physics.own import Own
-from fleetlog.physics.power import Physics, all_terms
+from fleetlog.physics.power import Own, Physics, all_terms
 from fleetlog.physics.term import Term, Values
 
 FILE = "model.toml"

@@ -13,14 +13,12 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Chassis, Truck
-from fleetlog.discovery.channels.evaluate import Evaluation
+from fleetlog.discovery.channels.energy_columns import Evaluation
 from fleetlog.discovery.channels.paths import kinks
+from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
 from fleetlog.discovery.hypotheses.hypothesis import _numbers
-from fleetlog.discovery.hypotheses.scope import FLEET
-from fleetlog.discovery.hypotheses.squares import make_squares
-from fleetlog.discovery.hypotheses.stretches import make_stretches
-from fleetlog.discovery.recording import windows
-from fleetlog.discovery.recording.blocks import block
+from fleetlog.discovery.model import FLEET
+from fleetlog.discovery.recording.blocks import block, cut
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
@@ -76,11 +74,11 @@ def test_straights_have_no_kinks_and_corners_are_rounded(angle: float) -> None:
 
 def test_windows_keep_the_energy_and_never_straddle_a_trip() -> None:
     b = block(drive(), 0, None, TRUCK)
-    cut = windows.cut(b, 10.0)
+    c = cut(b, 10.0)
     power = battery_power(b.motion, Physics(TRUCK))
-    assert cut.energy(b, power).sum() == pytest.approx((power * b.motion.dt).sum() * 1e-3)
-    for w in range(cut.count):
-        assert len(np.unique(b.trip[cut.of_row == w])) == 1
+    assert c.energy(b, power).sum() == pytest.approx((power * b.motion.dt).sum() * 1e-3)
+    for w in range(c.count):
+        assert len(np.unique(b.trip[c.of_row == w])) == 1
 
 
 def rows_late(t: np.ndarray, fine: Trajectory, shift: float) -> np.ndarray:

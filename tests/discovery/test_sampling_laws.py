@@ -14,10 +14,9 @@ from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.channels.choose import channel_of
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.blocks import block
+from fleetlog.discovery.recording.blocks import Windows, block
 from fleetlog.discovery.recording.fleet import read_fleet
 from fleetlog.discovery.recording.splits import make_split
-from fleetlog.discovery.recording.windows import Windows
 from fleetlog.discovery.search.joint import refit
 from fleetlog.discovery.search.noise import Noise, learn
 from fleetlog.discovery.search.problem import Problem

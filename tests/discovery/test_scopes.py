@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Chassis, Truck
-from fleetlog.discovery.hypotheses.scope import FLEET, Scope
-from fleetlog.discovery.model import Knob, Model
+from fleetlog.discovery.model import FLEET, Knob, Model, Scope
 from fleetlog.discovery.search.beside import Beside
 from fleetlog.discovery.search.ridge import Prior
 from fleetlog.discovery.search.scopes import Column, _kind, _parts

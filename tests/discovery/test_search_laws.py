@@ -12,8 +12,7 @@ from scipy.stats import kstest
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, lay_out
 from fleetlog.discovery.model import Knob
 from fleetlog.discovery.search.judge import noise_floor, p_value
-from fleetlog.discovery.search.ridge import Normal, Prior, cross_validated, solve
-from fleetlog.discovery.search.sums import Sums
+from fleetlog.discovery.search.ridge import Normal, Prior, Sums, cross_validated, solve
 
 
 @given(st.integers(0, 10_000))

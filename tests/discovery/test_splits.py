@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.discovery.recording.blocks import Windows
 from fleetlog.discovery.recording.splits import HELD_OUT, make_split, passed_once, trips_apart
-from fleetlog.discovery.recording.windows import Windows
 
 
 def windows(vehicle: int, day: int, trips: int = 40) -> Windows:

@@ -16,8 +16,7 @@ from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.truck import SECTIONS, Chassis, Truck, load_truck
 from fleetlog.physics.cycles import legs, vdi_pieces
 from fleetlog.physics.field import Field, stretches
-from fleetlog.physics.own import Own
-from fleetlog.physics.power import Physics, all_terms, battery_power, ledger, soc_change, term_forces
+from fleetlog.physics.power import Own, Physics, all_terms, battery_power, ledger, soc_change, term_forces
 
 TRUCK = load_truck("three-wheel-2t")
 RICH = {

@@ -11,8 +11,7 @@ from fleetlog.core.truck import Chassis, Truck
 from fleetlog.errors import InputError
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.model import load_physics, save_physics
-from fleetlog.physics.own import Own
-from fleetlog.physics.power import Physics, all_terms, allowed_speed, battery_power
+from fleetlog.physics.power import Own, Physics, all_terms, allowed_speed, battery_power
 
 TRUCK = Truck(Chassis(4000.0), name="t")
 

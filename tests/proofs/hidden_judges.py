@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fleetlog.core.motion import Motion
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.diagnose import Diagnosis
-from fleetlog.discovery.hypotheses.squares import Squares
+from fleetlog.discovery.hypotheses.cells import Squares
 from fleetlog.discovery.report.fields import Values
 from fleetlog.physics.motion.rows import updates
 from fleetlog.physics.power import all_terms

@@ -8,8 +8,7 @@ from laws import keeps_the_laws, steps
 from simulated_sites import TRUCK, aisle, crossing, grid, place
 
 from fleetlog.core.motion import Motion
-from fleetlog.physics.own import Own
-from fleetlog.physics.power import Physics, battery_power, cell_power, ledger
+from fleetlog.physics.power import Own, Physics, battery_power, cell_power, ledger
 from fleetlog.simulate.tasks import Demand, Task
 
 CASES = [(f"grid-{seed}", lambda s=seed: grid(4, 4, seed=s), 16) for seed in range(6)]

@@ -14,14 +14,12 @@ from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.lost import Lost
-from fleetlog.discovery.hypotheses.curves import FreeCurve, knots_of
-from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, Source
-from fleetlog.discovery.hypotheses.stretches import Cells
+from fleetlog.discovery.hypotheses.cells import Cells
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, FreeCurve, Source, knots_of
 from fleetlog.discovery.model import Knob, Model
-from fleetlog.discovery.recording.blocks import picked, stacked
+from fleetlog.discovery.recording.blocks import Windows, picked, stacked
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import Split
-from fleetlog.discovery.recording.windows import Windows
 from fleetlog.physics.term import Term
 
 Columns = NDArray[np.float32]

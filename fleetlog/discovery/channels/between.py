@@ -14,7 +14,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.discovery.channels.base import Channel, Unit
-from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve, power_curves
+from fleetlog.discovery.hypotheses.sources import UNIT, FreeCurve, power_curves
 
 DILUTED = 0.002
 """Power that is measured with errors of this share of its square makes whatever is proportional to it look

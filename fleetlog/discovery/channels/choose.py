@@ -8,8 +8,7 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.between import DILUTED
 from fleetlog.discovery.channels.energy import EnergyChannel
 from fleetlog.discovery.channels.travel import travel_channel
-from fleetlog.discovery.hypotheses.squares import make_squares
-from fleetlog.discovery.hypotheses.stretches import Cells, make_stretches
+from fleetlog.discovery.hypotheses.cells import Cells, make_squares, make_stretches
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import Split

@@ -9,17 +9,12 @@ from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.channels.between import DILUTED, Between, learn
-from fleetlog.discovery.channels.energy_columns import About, jumps
-from fleetlog.discovery.channels.evaluate import Evaluation
-from fleetlog.discovery.hypotheses import curves
-from fleetlog.discovery.hypotheses.curves import FreeCurve
-from fleetlog.discovery.hypotheses.sources import ErrorSource, Source
-from fleetlog.discovery.hypotheses.stretches import Cells, Stretches
+from fleetlog.discovery.channels.energy_columns import About, Evaluation, jumps
+from fleetlog.discovery.hypotheses.cells import Cells, Stretches
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, Source, charge_curves, energy_curves
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording import windows
-from fleetlog.discovery.recording.blocks import Block, joined
+from fleetlog.discovery.recording.blocks import Block, Cut, cut, describe, joined
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.recording.windows import Cut
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.power import all_terms, battery_power
@@ -67,13 +62,13 @@ class EnergyChannel(Channel):
     def _unit(self, block: Block) -> Unit:
         if self.measured:
             block = self._on_the_clock_of_charge(block)
-        c = windows.cut(block, self.seconds)
+        c = cut(block, self.seconds)
         if self.between is not None:
             likely = self._likely_power(block, c, self.between)
             block = replace(block, motion=block.motion.replaced(power=likely[block.row]))
         capacity = 3600.0 * self.truck.battery.capacity_wh
         energy = _recorded(block, c, self.name, capacity, SILENCE * self.seconds)
-        frame = windows.describe(block, c)
+        frame = describe(block, c)
         whole = np.isfinite(energy) & self._seen_lifts(block, c, frame.duration, energy)
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
         coarse = (self.charge_step * 3.6 * self.truck.battery.capacity_wh) ** 2 / 6.0
@@ -261,8 +256,8 @@ class EnergyChannel(Channel):
         """Return the free curves that the recording can carry."""
         knots, vehicles = self.knots, len(self.vehicles)
         if self.measured:
-            return curves.charge_curves(knots, vehicles)
-        return curves.energy_curves(knots, vehicles, len(self.fleet.dates), self.fleet.trip_names)
+            return charge_curves(knots, vehicles)
+        return energy_curves(knots, vehicles, len(self.fleet.dates), self.fleet.trip_names)
 
     def samples(self, unit: Unit) -> tuple[Motion, Ints]:
         """Return the motion of a unit, and the window of each of its samples."""

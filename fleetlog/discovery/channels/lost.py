@@ -9,7 +9,7 @@ from scipy.special import stdtr
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.paths import Path
-from fleetlog.discovery.hypotheses.stretches import Stretches
+from fleetlog.discovery.hypotheses.cells import Stretches
 
 OWN = 60.0
 """Undisturbed driving after which a stretch of lane is known by itself, and no longer by all others [s]."""

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
-from fleetlog.discovery.hypotheses.stretches import Stretches
-from fleetlog.discovery.recording.blocks import TRIP, narrow, picked, stacked
+from fleetlog.discovery.hypotheses.cells import Stretches
+from fleetlog.discovery.recording.blocks import TRIP, Windows, narrow, picked, stacked
 from fleetlog.discovery.recording.conflicts import hindered
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.routes import Route, on_road, routes
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.recording.turns import measure
-from fleetlog.discovery.recording.windows import Windows
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 

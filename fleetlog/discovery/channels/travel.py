@@ -11,10 +11,8 @@ from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.channels.lost import Lost, lost_time
 from fleetlog.discovery.channels.paths import Day, Path, days, joined, lay_out
 from fleetlog.discovery.channels.travel_columns import About, drive_times, summed
-from fleetlog.discovery.hypotheses import curves
-from fleetlog.discovery.hypotheses.curves import FreeCurve
-from fleetlog.discovery.hypotheses.sources import ErrorSource, Source
-from fleetlog.discovery.hypotheses.stretches import Stretches, make_stretches
+from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, Source, time_curves
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
@@ -135,7 +133,7 @@ class TravelChannel(Channel):
 
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        return curves.time_curves(self.knots, len(self.vehicles))
+        return time_curves(self.knots, len(self.vehicles))
 
     def samples(self, unit: Unit) -> tuple[Motion, Ints]:
         """Return the motion of a unit, and the window of each of its samples."""

@@ -8,9 +8,15 @@ import numpy as np
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import Channel, Columns, side_by_side
 from fleetlog.discovery.channels.paths import Path
-from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
-from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, Source
-from fleetlog.discovery.hypotheses.stretches import Stretches
+from fleetlog.discovery.hypotheses.cells import Stretches
+from fleetlog.discovery.hypotheses.sources import (
+    UNIT,
+    ErrorSource,
+    FieldSource,
+    FreeCurve,
+    KnobSource,
+    Source,
+)
 from fleetlog.discovery.model import Model
 from fleetlog.physics.motion.legs import quickest
 from fleetlog.physics.power import Physics, all_terms

@@ -10,10 +10,8 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Channel
-from fleetlog.discovery.hypotheses.curves import SLOW, FreeCurve
-from fleetlog.discovery.hypotheses.scope import FLEET, Scope
-from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Source
-from fleetlog.discovery.model import Knob
+from fleetlog.discovery.hypotheses.sources import SLOW, FieldSource, FreeCurve, KnobSource, Source
+from fleetlog.discovery.model import FLEET, Knob, Scope
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Parameter, Term
 

@@ -1,15 +1,33 @@
-"""Where a column of the regression comes from: what a channel is asked to compute for every window."""
+"""Where a column of the regression comes from: what a channel is asked to compute for every window.
 
-from collections.abc import Sequence
+Free curves are force or power as any smooth function of a recorded variable.  They keep the named hypotheses
+honest, which must say what the best curve says, and they say what an unknown mismatch follows.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
+from typing import Literal
 
-from fleetlog.discovery.hypotheses.curves import FreeCurve
-from fleetlog.discovery.hypotheses.scope import FLEET, Scope
-from fleetlog.discovery.model import Knob
+import numpy as np
+
+from fleetlog.core.arrays import Floats, Ints
+from fleetlog.discovery.model import FLEET, Knob, Scope
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
+
+Mode = Literal["force", "drive", "power", "moving", "still", "time"]
+
+UNIT = {"force": 0.01, "drive": 0.1, "power": 300.0, "moving": 300.0, "still": 300.0, "time": 0.1}
+"""Of a coefficient: share of the weight, share of the drive's power, watts, share of the time."""
+SLOW = frozenset({"ambient_temperature", "time", "soc", "day", "time since start"})
+"""Variables that change over hours: whole stretches of hours are their independent samples, not trips."""
+LEAST_RANGE = {"payload": 50.0, "soc": 0.02, "ambient_temperature": 1.5}
+"""A variable that moves less is constant; 0.1 of any other."""
+PLACED = {"acceleration": (-0.8, -0.4, -0.1, 0.1, 0.4, 0.8), "lift_speed": (-0.5, -0.25, 0.0, 0.25, 0.5)}
+"""Knots of variables that are near zero most of the time; quantiles of the others."""
+KNOTS = 6
 
 
 @dataclass(frozen=True)
@@ -47,6 +65,57 @@ class ErrorSource:
     def most(self) -> float:
         """How large its coefficient may be."""
         return 2.0 * self.spread
+
+
+@dataclass(frozen=True)
+class FreeCurve:
+    """Hat functions over ``knots`` of each of its variables (cubic ones would swing beside steps); codes (the
+    vehicle) have classes.
+
+    By ``mode`` it acts through the drive (``force``), on what the drive draws (``drive``), on the battery
+    (``power``), on it while the truck moves or stands (``moving``, ``still``), or on the travel ``time``.
+    """
+
+    mode: Mode
+    variables: tuple[str, ...]
+    knots: tuple[tuple[float, ...], ...]
+    harmonics: int = 0
+    classes: tuple[str, ...] = ()
+    """Names of the codes, where each class may have a value of its own that is told."""
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return 2 * self.harmonics or int(np.prod([len(k) for k in self.knots]))
+
+    def hats(self, state: Mapping[str, Floats]) -> Iterator[tuple[Ints, Floats]]:
+        """Yield (rows,) column and weight: where rows stand between knots; unknown values weigh nothing."""
+        if self.harmonics:
+            heading = state[self.variables[0]]
+            for k in range(self.harmonics):
+                yield np.full(len(heading), 2 * k), np.cos((k + 1) * heading)
+                yield np.full(len(heading), 2 * k + 1), np.sin((k + 1) * heading)
+            return
+        parts = [(np.zeros(len(next(iter(state.values()))), np.int64), np.ones(1))]
+        for name, knots in zip(self.variables, self.knots, strict=True):
+            left, right = _between(state[name], np.array(knots))
+            parts = [
+                (column * len(knots) + at, weight * share)
+                for column, weight in parts
+                for at, share in ((left[0], left[1]), (right[0], right[1]))
+            ]
+        yield from parts
+
+
+def _between(values: Floats, knots: Floats) -> tuple[tuple[Ints, Floats], tuple[Ints, Floats]]:
+    if len(knots) == 1:
+        at = np.zeros(len(values), np.int64)
+        return (at, np.ones(len(values))), (at, np.zeros(len(values)))
+    x = np.clip(np.nan_to_num(values, nan=knots[0]), knots[0], knots[-1])
+    j = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    w = (x - knots[j]) / (knots[j + 1] - knots[j])
+    known = np.isfinite(values)
+    return (j, np.where(known, 1.0 - w, 0.0)), (j + 1, np.where(known, w, 0.0))
 
 
 Source = KnobSource | FieldSource | FreeCurve | ErrorSource  # A free curve has one column a knot
@@ -87,3 +156,73 @@ class Layout:
 def lay_out(sources: Sequence[Source], widths: Sequence[int]) -> Layout:
     """Return the layout of sources with so many columns each."""
     return Layout(tuple(sources), tuple(accumulate(widths, initial=0)))
+
+
+def knots_of(values: Floats, name: str) -> tuple[float, ...]:
+    """Return knots that span a variable evenly; none where it hardly moves or is hardly known."""
+    known = values[np.isfinite(values)]
+    if len(known) < 100:
+        return ()
+    low, high = np.quantile(known, [0.005, 0.995])
+    if high - low < LEAST_RANGE.get(name, 0.1):
+        return ()
+    return PLACED.get(name, tuple(float(k) for k in np.linspace(low, high, KNOTS)))
+
+
+def energy_curves(
+    knots: Mapping[str, tuple[float, ...]], vehicles: int, days: int, trips: tuple[str, ...]
+) -> list[FreeCurve]:
+    """Return the free curves of an energy channel; ``trips`` names those with a value of their own."""
+    out = [FreeCurve("force", ("heading",), (), 4), FreeCurve("still", (), ())]
+    for name, k in knots.items():
+        if name not in ("lift_speed", "fork_height"):
+            out.append(FreeCurve("force", (name,), (k,)))
+        if name in SLOW:
+            out.append(FreeCurve("drive", (name,), (k,)))
+        if name in ("speed", "payload", "curvature"):
+            out.append(FreeCurve("moving", (name,), (k,)))
+        elif name != "acceleration":
+            out.append(FreeCurve("power", (name,), (k,)))
+    for mode, a, b in (("moving", "payload", "speed"), ("force", "ambient_temperature", "speed")):
+        if a in knots and b in knots:
+            out.append(FreeCurve(mode, (a, b), (_few(knots[a]), _few(knots[b]))))  # type: ignore[arg-type]
+    modes: tuple[Mode, ...] = ("force", "power") if trips else ()
+    own = [FreeCurve(m, ("trip_id",), (_codes(len(trips)),), classes=trips) for m in modes]
+    return out + _by_class(vehicles, days) + own
+
+
+def charge_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> list[FreeCurve]:
+    """Return the free curves of a state of charge whose power is measured: what the battery does with it."""
+    slow = [FreeCurve("power", (n,), (k,)) for n, k in knots.items() if n in ("ambient_temperature", "soc")]
+    return slow + [c for c in _by_class(vehicles, 1) if c.mode == "power"]
+
+
+def power_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> tuple[FreeCurve, ...]:
+    """Return the curves by which recorded power may differ from the model's: first the fleet's two."""
+    who = (((), ()), (("vehicle_id",), (_codes(vehicles),)))
+    modes: tuple[Mode, ...] = ("drive", "power")
+    slow = (FreeCurve("power", (name,), (k,)) for name, k in knots.items() if name in SLOW)
+    return (*(FreeCurve(m, names, k) for names, k in who for m in modes), *slow)
+
+
+def time_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> list[FreeCurve]:
+    """Return the free curves of travel time: a share of it by each variable."""
+    out = [FreeCurve("time", ("heading",), (), 2)]
+    out += [FreeCurve("time", (name,), (k,)) for name, k in knots.items()]
+    if vehicles > 1:
+        out.append(FreeCurve("time", ("vehicle_id",), (_codes(vehicles),)))
+    return out
+
+
+def _by_class(vehicles: int, days: int) -> list[FreeCurve]:
+    classes = [("vehicle_id", vehicles), ("day", days)]
+    modes: tuple[Mode, ...] = ("force", "power")
+    return [FreeCurve(m, (name,), (_codes(n),)) for name, n in classes if n > 1 for m in modes]
+
+
+def _codes(count: int) -> tuple[float, ...]:
+    return tuple(float(i) for i in range(count))
+
+
+def _few(knots: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(float(k) for k in np.linspace(knots[0], knots[-1], 4))

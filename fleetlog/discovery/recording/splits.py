@@ -13,7 +13,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.discovery.recording.windows import Windows
+from fleetlog.discovery.recording.blocks import Windows
 
 Days = Sequence[tuple[int, Trajectory]]
 Kind = Literal["trips", "stretches", "vehicles", "days"]

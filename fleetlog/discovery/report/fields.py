@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.network import Network
+from fleetlog.discovery.hypotheses.cells import Cells, Squares, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
-from fleetlog.discovery.hypotheses.squares import Squares
-from fleetlog.discovery.hypotheses.stretches import Cells, Stretches
 from fleetlog.discovery.model import field_values
 from fleetlog.discovery.report.finding import NORMAL, Parameter, interval
 from fleetlog.physics.field import Field, stretches

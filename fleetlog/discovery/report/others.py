@@ -6,7 +6,7 @@ import numpy as np
 
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.lost import Lost
-from fleetlog.discovery.hypotheses.stretches import Stretches
+from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.recording.sensors import Fault
 from fleetlog.discovery.report import words
 from fleetlog.discovery.report.fields import LARGE, Values, extent, row, runs_by_edge

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from math import isfinite
 from typing import Any
 
-from fleetlog.discovery.hypotheses.scope import Scope
+from fleetlog.discovery.model import Scope
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term

@@ -12,11 +12,9 @@ from scipy import sparse
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
-from fleetlog.discovery.hypotheses.scope import Scope
 from fleetlog.discovery.hypotheses.sources import KnobSource, Layout, Source
-from fleetlog.discovery.model import Knob, Model
-from fleetlog.discovery.search.ridge import Normal, Prior
-from fleetlog.discovery.search.sums import Sums
+from fleetlog.discovery.model import Knob, Model, Scope
+from fleetlog.discovery.search.ridge import Normal, Prior, Sums
 
 CERTAIN = 2.0  # A tolerance is stated at this many standard deviations
 ALIKE = 0.5  # Trucks of a fleet differ by this share of the tolerance of the truck file

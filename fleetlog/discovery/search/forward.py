@@ -7,13 +7,23 @@ import numpy as np
 
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model, field_values
-from fleetlog.discovery.search.joint import Joint, refit, scored, tightened, tuned, verified
+from fleetlog.discovery.search.beside import Screened, screen
+from fleetlog.discovery.search.joint import (
+    Joint,
+    Size,
+    local,
+    refit,
+    scored,
+    size_of,
+    tightened,
+    tuned,
+    verified,
+    without,
+)
 from fleetlog.discovery.search.places import pattern_hypotheses
 from fleetlog.discovery.search.problem import Problem
+from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.search.scopes import narrowed, scoped
-from fleetlog.discovery.search.screen import Screened, screen
-from fleetlog.discovery.search.sizes import Size, local, size_of, without
-from fleetlog.discovery.search.sums import Sums
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,8 @@ from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.report.finding import ChannelFit, Errors
-from fleetlog.discovery.search.joint import Joint
+from fleetlog.discovery.search.joint import Joint, hidden, predicted
 from fleetlog.discovery.search.problem import Problem
-from fleetlog.discovery.search.sizes import hidden, predicted
 
 FEWEST_CLUSTERS = 3
 NEIGHBOURS = 10

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.discovery.channels.base import Columns, Unit
-from fleetlog.discovery.recording.windows import Windows
+from fleetlog.discovery.recording.blocks import Windows
 from fleetlog.discovery.settings import Settings
 
 CLASSES = 12

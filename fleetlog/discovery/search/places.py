@@ -3,14 +3,14 @@
 import numpy as np
 
 from fleetlog.core.arrays import Floats
+from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern
-from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import beside
 from fleetlog.discovery.search.design import of_hypothesis
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
-from fleetlog.discovery.search.sums import Sums
+from fleetlog.discovery.search.ridge import Sums
 
 MOST_PATTERNS = 6
 

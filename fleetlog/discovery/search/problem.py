@@ -10,7 +10,7 @@ from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Layou
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.search.noise import Noise, Table, learn
-from fleetlog.discovery.search.sums import Sums
+from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.settings import Settings
 
 

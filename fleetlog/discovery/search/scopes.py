@@ -12,14 +12,12 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
-from fleetlog.discovery.hypotheses.scope import Scope
-from fleetlog.discovery.model import Knob
-from fleetlog.discovery.search.beside import Added, Beside
+from fleetlog.discovery.model import Knob, Scope
+from fleetlog.discovery.search.beside import Added, Beside, Screened
 from fleetlog.discovery.search.design import Atom, Design, make_design, of_hypothesis
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
-from fleetlog.discovery.search.screen import Screened
 
 SLOTS = 48  # Of the recorded time: a change is placed within a hundredth of it
 GROUPS = 600  # Trucks times slots at most: of large fleets the slots are wider
