@@ -4,6 +4,7 @@
 
 Simulates COUNT (200) fleets of three trucks for 40 minutes with nothing concealed, diagnoses the battery power of each, and
 compares the p-values of the strongest hypothesis, told or not, with a uniform distribution (Kolmogorov and Smirnov).
+They count the model's own error as chance, so that they are conservative: few are small, and they are not uniform.
 """
 
 from __future__ import annotations

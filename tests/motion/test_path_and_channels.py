@@ -16,6 +16,7 @@ from truth import long_road, on_road, shuttle
 from fleetlog.core.network import Edge, build_network
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.physics.motion import reconstruct
+from fleetlog.physics.motion.rows import read_rows, speed_is_mean
 
 
 def seconds(n: int, rate: float = 1.0) -> np.ndarray:
@@ -141,3 +142,22 @@ def test_how_finely_roads_are_drawn_changes_no_corner(pieces: int) -> None:
     one, other = reconstruct(plain, network).motion, reconstruct(plain, fine).motion
     assert np.allclose(one.curvature, other.curvature, atol=1e-6)
     assert np.allclose(one.speed, other.speed, atol=1e-6)
+
+
+@pytest.mark.parametrize("held", [1, 2, 4, 8])
+@pytest.mark.parametrize("mean", [False, True])
+def test_whether_the_speed_is_a_mean_is_told_however_often_positions_are_repeated(
+    held: int, mean: bool
+) -> None:
+    rng = np.random.default_rng(held)
+    speed = []
+    for top in rng.uniform(1.0, 2.5, 80):
+        up = np.linspace(0.0, top, 40)
+        speed += [*up, *np.full(rng.integers(40, 120), top), *up[::-1], *np.zeros(rng.integers(30, 90))]
+    row = np.arange(30, len(speed), 20)
+    way = (np.cumsum(speed) / 20.0)[row]
+    told = np.diff(way, prepend=way[0]) if mean else np.array(speed)[row]
+    x = way[np.arange(len(row)) // held * held]
+    log = Trajectory("T", row * 50_000, {"x": x, "y": 0.0 * x, "speed": told})
+    rows = read_rows(log, None, 1.0)
+    assert speed_is_mean(rows, rows.x) == mean

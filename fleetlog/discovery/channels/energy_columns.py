@@ -219,24 +219,27 @@ class About:
         return {k: np.asarray(np.bincount(row, p * m.dt, rows) * 1e-3, float) for k, p in power.items()}
 
     def _error(self, source: ErrorSource) -> Floats:
-        change = {"lag": self._lagging, "ripple": self._rectified, "sampling": self._unseen}[source.name]()
+        change: Floats = getattr(self, f"_{source.name}")
         if source.road is not None:
             cells = self.channel.cells(None)
             assert isinstance(cells, Stretches)
             change = change * (cells.road(self.block.motion.edge) == source.road)
         return self.cut.energy(self.block, change)[:, None]
 
-    def _lagging(self) -> Floats:
+    @cached_property
+    def _lag(self) -> Floats:
         """(n,) W that a clock one second late adds."""
         time = self.block.motion.time
         step = np.maximum(np.diff(time, prepend=time[0] - 1.0), 1e-3)
         return np.asarray(-np.diff(self.e.power, prepend=self.e.power[:1]) / step)
 
-    def _unseen(self) -> Floats:
+    @cached_property
+    def _sampling(self) -> Floats:
         """(n,) W that the likeliest motion lacks of the expected power: braking at unseen accelerations."""
         return Evaluation(self.block.likeliest, self.e.physics, self.e.charge).power - self.e.power
 
-    def _rectified(self) -> Floats:
+    @cached_property
+    def _ripple(self) -> Floats:
         """(n,) W that the convex switch between traction and braking adds where power swings within rows."""
         drive = self.e.truck.drive
         swing = np.maximum(jumps(self.block, self.cut, self.e)[self.cut.of_sample] * drive.efficiency, 1e-6)

@@ -22,7 +22,7 @@ from fleetlog.discovery.recording.turns import measure
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 
-KINK, SLIGHT = 1.0, 0.5
+KINK, CORNER = 1.0, 0.5
 """Way on which a truck that follows the map's line takes its kinks [m]; a larger one is a corner, which is
 rounded [rad]."""
 SHORTEST = 8.0  # A shorter leg says nothing of how fast one drives [m]
@@ -201,7 +201,7 @@ def lay_out(
 
 def kinks(network: Network, edge: NDArray[Any], offset: Floats) -> Floats:
     """(N,) curvature at places on edges [1/m] near a slight turn of the map's line, taken within ``KINK``."""
-    turn = np.where(np.abs(network.turn) > SLIGHT, 0.0, np.abs(network.turn))
+    turn = np.where(np.abs(network.turn) > CORNER, 0.0, np.abs(network.turn))
     before = network.segment(edge, offset)[0]
     near = [np.abs(offset - network.distance[v]) <= 0.5 * KINK for v in (before, before + 1)]
     return np.asarray(np.maximum(turn[before] * near[0], turn[before + 1] * near[1]) / KINK)

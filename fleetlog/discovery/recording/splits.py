@@ -7,6 +7,7 @@ Trips are dealt vehicle-day by vehicle-day, so that a day can be read without th
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -79,14 +80,19 @@ class Split:
         out = np.zeros(len(codes), np.int64)
         for r in np.unique(codes // count):
             mine = codes // count == r
-            order = np.random.default_rng([self.seed, salt, int(r)]).permutation(count)
-            out[mine] = order[codes[mine] % count]
+            out[mine] = _order(self.seed, salt, int(r), count)[codes[mine] % count]
         return out
 
     def slow_fold(self, w: Windows) -> Ints:
         """Return the fold of the stretch of hours of every window, (W,)."""
         stretch = w.vehicle * 1_000_003 + (w.time // self.slow).astype(np.int64)
         return _mixed(stretch) % self.folds
+
+
+@lru_cache(4096)
+def _order(seed: int, salt: int, run: int, count: int) -> Ints:
+    """The shares of one run of codes, in an order of chance."""
+    return np.random.default_rng([seed, salt, run]).permutation(count)
 
 
 def _mixed(codes: Ints) -> Ints:

@@ -141,10 +141,16 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
     Then the way between two rows is its speed times the step; else it is the mean of both rows' speeds times
     the step.  What decides lies where the truck gathers or sheds speed.
     """
+    new = np.flatnonzero(rows.fresh & np.append(True, (np.diff(rows.x) != 0.0) | (np.diff(rows.y) != 0.0)))
+    if not len(new):
+        return False
+    # Between two new positions: what the speeds of both ends say of the way, and what the mean would add.
     step, change = np.diff(rows.t), np.diff(rows.speed)
-    later = 0.5 * step * change
-    over = np.diff(way) - step * (rows.speed[1:] - 0.5 * change)
-    use = ~rows.breaks[1:] & rows.fresh[1:] & rows.fresh[:-1] & (np.abs(change) > CHANGES)
+    added = np.cumsum(np.append(0.0, np.nan_to_num(0.5 * step * change)))
+    unseen = np.cumsum(rows.breaks | np.append(False, np.isnan(change)))
+    later, driven, lost = (np.diff(v[new]) for v in (added, metres_driven(rows.t, rows.speed), unseen))
+    over = np.diff(way[new]) - driven
+    use = (lost == 0) & (np.abs(later) > 0.5 * CHANGES * np.median(step))
     use &= np.isfinite(over) & (np.abs(over) < 2.0 * np.abs(later) + MOVED)
     if use.sum() < 30:
         return False
