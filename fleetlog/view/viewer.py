@@ -68,7 +68,7 @@ def show(rrd: Path) -> None:
     """Open the viewer on a recording and wait until it is closed; it listens on this machine only."""
     if not has_screen():
         do = "run fleetlog view on a machine with one, or draw it here with --screenshot FILE.png"
-        raise ViewerError("there is no screen here", where=rrd, do=do)
+        raise ViewerError("there is no screen here", do=do)
     command = [str(binary()), "--bind", "127.0.0.1", "--port", str(free_port()), str(rrd)]
     status = subprocess.call(command, env=environment())
     if status:
@@ -143,6 +143,32 @@ def free_port() -> int:
         return int(s.getsockname()[1])
 
 
+class Patient:
+    """Rerun's client, asking a busy viewer again: Rerun gives it 15 s for an answer and no more.
+
+    :class:`ViewerError` where it has ended, or does not answer for :data:`WAIT`.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        def ask(*args: Any, **options: Any) -> Any:
+            deadline = time.monotonic() + WAIT
+            while True:
+                try:
+                    return getattr(self._client, name)(*args, **options)
+                except TimeoutError:
+                    if time.monotonic() > deadline:
+                        what = f"the viewer has not answered for {WAIT:.0f} s"
+                        raise ViewerError(what, do="try again when the machine is less busy") from None
+                except ConnectionError:
+                    do = "see that Vulkan works here (vulkaninfo) and that memory suffices"
+                    raise ViewerError("the viewer ended by itself", do=do) from None
+
+        return ask
+
+
 def span(client: Any) -> tuple[int, int]:
     """First and last time [ns] of the active timeline of a running viewer."""
     recording = client.get_state().recordings[0]
@@ -186,11 +212,11 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
                     what, do = f"the viewer did not open {rrd}", "see that Vulkan works here (vulkaninfo)"
                     raise ViewerError(what, do=do)
                 time.sleep(0.1)
-                with suppress(ConnectionError):
+                with suppress(ConnectionError, TimeoutError):
                     client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
                     state = client.get_state()
                     opened = state.recordings and state.recordings[0].timelines and not state.loading
-            yield client
+            yield Patient(client)
         finally:
             process.terminate()
             with suppress(subprocess.TimeoutExpired):

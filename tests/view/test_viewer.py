@@ -67,6 +67,32 @@ def test_missing_vulkan_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     assert "\n" not in error.value.line()
 
 
+class Faulty:
+    """A client whose first answers are these faults."""
+
+    def __init__(self, *faults: type[OSError]) -> None:
+        self.faults = list(faults)
+
+    def get_state(self) -> str:
+        if self.faults:
+            raise self.faults.pop(0)("Deadline expired before operation could complete")
+        return "state"
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [(TimeoutError, "not answered for 0 s.*less busy"), (ConnectionError, "ended by itself")],
+)
+def test_a_viewer_that_does_not_answer_is_one_line_with_advice(monkeypatch, fault, said) -> None:
+    monkeypatch.setattr(viewer, "WAIT", 0.0)
+    with pytest.raises(viewer.ViewerError, match=said):
+        viewer.Patient(Faulty(fault, fault)).get_state()
+
+
+def test_a_busy_viewer_is_asked_again() -> None:
+    assert viewer.Patient(Faulty(TimeoutError, TimeoutError)).get_state() == "state"
+
+
 def test_viewer_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CI", raising=False)
     assert viewer.environment()["CI"] == "1" and os.environ.get("CI") is None
