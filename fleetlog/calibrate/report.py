@@ -6,6 +6,7 @@ import numpy as np
 
 from fleetlog.calibrate.fit import CONFIDENCE, Blind, Combination, Estimate, Fit
 from fleetlog.core.truck import truck_to_dict
+from fleetlog.core.words import percent
 
 STRONG = 0.5  # Correlations from this on are worth a word
 
@@ -44,7 +45,7 @@ def lines(fit: Fit) -> list[str]:
     rms = [np.sqrt(np.mean(((p - seen.measured) / seen.sigma) ** 2)) for p in (fit.before, fit.after)]
     out = [
         f"measured figures: {len(seen)}; misfit {rms[0]:.2f} standard deviations before, {rms[1]:.2f} after",
-        f"fitted, with intervals that hold all at once with {CONFIDENCE:.0%}:",
+        f"fitted, with intervals that hold all at once with {percent(CONFIDENCE)}:",
     ]
     fitted = [e for e in fit.estimates if e.status == "fitted"]
     out += [f"  {estimate_line(e)}" for e in fitted] or ["  nothing: these runs carry no single number"]

@@ -9,10 +9,9 @@ from fleetlog.core.words import count, percent
 from fleetlog.discovery.diagnose import Diagnosis, diagnose
 from fleetlog.discovery.report.finding import Finding, Verdict
 from fleetlog.discovery.report.output import HEADS, shapes
-from fleetlog.discovery.report.words import place
+from fleetlog.discovery.report.words import advice, place
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
-from fleetlog.physics.power import all_terms
 from fleetlog.report.content import Picture, Table, number, render
 from fleetlog.report.facts import Facts
 from fleetlog.view.palette import scales_of
@@ -36,7 +35,7 @@ def in_short(facts: Facts) -> list[str]:
     out = [_head(v)]
     if v.findings:
         first = v.findings[0]
-        out.append(f"{'The largest: ' if v.findings[1:] else ''}{first.statement}. {_advice(first)}.")
+        out.append(f"{'The largest: ' if v.findings[1:] else ''}{first.statement}. {advice(first)}.")
     for c in [c for c in v.channels if c.judged][:1]:
         out.append(
             f"On trips that it has not seen, the error of {_plain(c.name)} is {_share(c.before)} "
@@ -83,7 +82,7 @@ def _todo(findings: list[Finding], zone: str) -> Table | None:
     """Whom each finding concerns, where, when, and what to do about it."""
     rows = [
         [f"{k}. {_plain(f.term).capitalize()}", ", ".join(f.scope["vehicles"] or ()) or "all", place(f.where),
-         _when(f, zone), f"{_advice(f)}."]
+         _when(f, zone), f"{advice(f)}."]
         for k, f in enumerate(findings, start=1)
     ]  # fmt: skip
     head = ["Finding", "trucks", "where", "when", "what to do"]
@@ -104,16 +103,6 @@ def _when(f: Finding, zone: str) -> str:
         one_day = begin and begin.date() == end.date()
         said += f"{' to' if begin else 'until'} {end:{'' if one_day else '%d %b %Y '}%H:%M}"
     return f"{said} ({zone})" if said else "always"
-
-
-def _advice(f: Finding) -> str:
-    """What to do: of a time, look for what changed; of a term, what it says; else what to record."""
-    term = all_terms().get(f.term)
-    parts = ["Find out what changed then"] if f.scope["from"] or f.scope["until"] else []
-    parts += [term.advice] if term is not None and term.advice else []
-    if not parts and f.needs:
-        parts = [f"{f.needs[:1].upper()}{f.needs[1:]}"]
-    return ". ".join(parts) or "Compare the trucks, places and hours that it follows"
 
 
 def _pictures(result: Result, site: Site) -> list[Picture]:

@@ -235,8 +235,8 @@ def test_a_load_slows_a_truck_in_turns_by_the_share_that_is_said() -> None:
     assert caps == pytest.approx([np.inf, 0.7 * free, 3.0])
     said = statement(term, [Parameter(n, 0.7, 0.6, 0.8, "1") for n in ("factor", "turns")], None, None)
     assert said == (
-        "With a load, trucks drive at 70% (60% to 80%) of their unladen speed; "
-        "with a load, trucks take turns at 70% (60% to 80%) of their unladen speed"
+        "With a load, trucks drive at 70 % (60 % to 80 %) of their unladen speed; "
+        "with a load, trucks take turns at 70 % (60 % to 80 %) of their unladen speed"
     )
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
 
-from fleetlog.discovery.report.finding import Finding
+from fleetlog.discovery.report.finding import Finding, Parameter
+from fleetlog.discovery.report.output import _finding
+from fleetlog.discovery.report.words import statement
 from fleetlog.physics.power import all_terms
 from fleetlog.report.diagnosis import _ranking, _todo
 
@@ -29,6 +32,20 @@ def rows(*findings: Finding, zone: str = "UTC") -> list[list[str]]:
 )
 def test_every_term_that_can_be_found_says_what_to_do(term) -> None:
     assert term.advice and term.advice[0].isupper() and not term.advice.endswith(".")
+
+
+@pytest.mark.parametrize("term", [t for t in all_terms().values() if t.told], ids=lambda t: t.name)
+def test_a_statement_is_one_sentence_that_leaves_advice_to_the_term_and_writes_percent_with_a_space(
+    term,
+) -> None:
+    numbers = [Parameter(p.name, 0.2, 0.1, 0.3, p.unit) for p in term.parameters]
+    numbers += [Parameter(term.extreme, 0.2, 0.1, 0.3, "1")] if term.extreme else []
+    said = statement(term, numbers, WORN.where, None)
+    assert ". " not in said and not re.search(r"\d%", said)
+
+
+def test_the_terminal_says_what_to_do() -> None:
+    assert _finding(WORN)[1] == f"    What to do: {all_terms()['surface_resistance'].advice}."
 
 
 def test_a_row_names_trucks_place_and_time_of_the_site() -> None:

@@ -7,18 +7,20 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.result import EdgeValues, Grid, Result, Series, Shape
+from fleetlog.core.words import count, percent
 from fleetlog.discovery.channels.energy import EnergyChannel
 from fleetlog.discovery.diagnose import Diagnosis
 from fleetlog.discovery.hypotheses.cells import Squares, Stretches
 from fleetlog.discovery.model import FLEET, Model
 from fleetlog.discovery.report import fields
 from fleetlog.discovery.report.finding import ChannelFit, Finding
+from fleetlog.discovery.report.words import advice
 from fleetlog.physics.field import Field
 from fleetlog.physics.model import save_physics
 from fleetlog.physics.power import Own, Physics, all_terms
 from fleetlog.store.documents import plain, write_json
 
-MOST_LINES = 12
+MOST_LINES = 16
 FEWEST = 10.0  # Seconds of driving behind a value that is drawn
 LONG = 300  # Rows of a trip that is drawn at most
 
@@ -76,8 +78,7 @@ HEADS = {
 def lines(d: Diagnosis) -> list[str]:
     """Return the answer in a few lines for a terminal."""
     v = d.verdict
-    count = len(v.findings)
-    head = HEADS.get(v.word, f"The model leaves out {count} effect{'s' if count > 1 else ''}:")
+    head = HEADS.get(v.word, f"The model leaves out {count(len(v.findings), 'effect')}:")
     out = [head if any(c.judged for c in v.channels) else "Too little was recorded to judge any channel."]
     for f in v.findings[:4]:
         out.extend(_finding(f))
@@ -87,7 +88,7 @@ def lines(d: Diagnosis) -> list[str]:
 
 
 def _finding(f: Finding) -> list[str]:
-    out = [f"  {f.term} ({f.channel}): {f.statement}."]
+    out = [f"  {f.term} ({f.channel}): {f.statement}.", f"    What to do: {advice(f)}."]
     if f.not_excluded:
         out.append(f"    Not excluded: {', '.join(f.not_excluded)}. To tell them apart, {f.needs}.")
     return out
@@ -96,9 +97,9 @@ def _finding(f: Finding) -> list[str]:
 def _channel(c: ChannelFit, unexplained: bool) -> str:
     if c.before is None or c.after is None:
         return f"  {c.name}: not judged: {c.reason}"
-    floor = "" if c.floor is None else f", noise floor {c.floor:.1%}"
+    floor = "" if c.floor is None else f", noise floor {percent(c.floor, 1)}"
     more = "; the rest is unexplained" if unexplained else ""
-    return f"  {c.name}: error on unseen trips {c.before:.1%} -> {c.after:.1%}{floor}{more}"
+    return f"  {c.name}: error on unseen trips {percent(c.before, 1)} -> {percent(c.after, 1)}{floor}{more}"
 
 
 def shapes(d: Diagnosis) -> list[Shape]:

@@ -1,12 +1,13 @@
 """Findings in sentences that a fleet engineer understands, from what the terms say of themselves."""
 
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import isfinite
 from typing import Any
 
 from fleetlog.discovery.model import Scope
-from fleetlog.discovery.report.finding import Parameter
+from fleetlog.discovery.report.finding import Finding, Parameter
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
@@ -79,8 +80,19 @@ def statement(
         )
         at = f" {place(where)}" if where else ""
         text = f"{term.statement[:1].upper()}{term.statement[1:]}{at}: {numbers}"
+    text = re.sub(r"(?<=\d)%", " %", text)
     whom = _whom(scope) if scope else ""
     return f"{whom}{text[:1].lower()}{text[1:]}" if whom else text
+
+
+def advice(f: Finding) -> str:
+    """Return what to do: of a time, look for what changed; of a term, what it says; else what to record."""
+    term = all_terms().get(f.term)
+    parts = ["Find out what changed then"] if f.scope["from"] or f.scope["until"] else []
+    parts += [term.advice] if term is not None and term.advice else []
+    if not parts and f.needs:
+        parts = [f"{f.needs[:1].upper()}{f.needs[1:]}"]
+    return ". ".join(parts) or "Compare the trucks, places and hours that it follows"
 
 
 def unknown(depends_on: Sequence[str], where: dict[str, Any] | None) -> str:

@@ -17,7 +17,7 @@ TERM = Term(
     (Parameter("slope", "1", -0.3, 0.3, usual=0.03),), force, nominal=True, field=True, odd=True,
     depends_on=("x", "y", "heading"), extreme="max_grade",
     sentence="The road climbs or falls by up to {max_grade.value:.1%} ({max_grade.low:.1%} to "
-    "{max_grade.high:.1%}) {where}; the map is level there. Add the elevation to the map",
+    "{max_grade.high:.1%}) {where}; the map is level there",
     needs="drive these roads in both directions, or survey their elevation",
     advice="Enter the slope in the map; plan batteries and brakes with it until then",
 )  # fmt: skip

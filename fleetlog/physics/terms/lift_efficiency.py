@@ -17,7 +17,7 @@ TERM = Term(
     (Parameter("efficiency", "1", 0.1, 1.0, truck_key="lift.efficiency", tolerance=0.1, inverse=True),),
     power, nominal=True, depends_on=("lift_speed", "payload"),
     sentence="The hydraulic lift has an efficiency of {efficiency.value:.1%} ({efficiency.low:.1%} to "
-    "{efficiency.high:.1%}); the truck file has {efficiency.nominal:.1%}. Have the hydraulics checked",
+    "{efficiency.high:.1%}); the truck file has {efficiency.nominal:.1%}",
     needs="record lifts with and without a load",
     advice="Check the oil, filter and pump of the hydraulics",
 )  # fmt: skip

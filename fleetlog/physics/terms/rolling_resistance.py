@@ -20,7 +20,7 @@ TERM = Term(
     (Parameter("coefficient", "1", 0.001, 0.15, truck_key="resistance.rolling", tolerance=0.1),), force,
     nominal=True, depends_on=("payload",),
     sentence="The rolling resistance coefficient is {coefficient.value:.4f} ({coefficient.low:.4f} to "
-    "{coefficient.high:.4f}); the truck file has {coefficient.nominal:.4f}. Check tyres and brakes",
+    "{coefficient.high:.4f}); the truck file has {coefficient.nominal:.4f}",
     needs="let a truck coast to a stop, with and without a load",
     advice="Lift the truck and turn every wheel by hand: a dragging brake or a worn bearing resists. Check "
     "the tyres",

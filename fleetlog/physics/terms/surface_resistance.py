@@ -22,7 +22,7 @@ TERM = Term(
     "surface_resistance", "force", "the floor rolls harder on some roads, the same in both directions",
     (Parameter("factor", "1", 0.2, 10.0, neutral=1.0),), force, field=True, depends_on=("x", "y"),
     sentence="Rolling resistance {where} is {factor.value:.2f} times the value in the truck file "
-    "({factor.low:.2f} to {factor.high:.2f}), in both directions. Inspect the floor there",
+    "({factor.low:.2f} to {factor.high:.2f}), in both directions",
     needs="drive these roads in both directions",
     advice="Walk these roads: look for a worn or soft floor, an open joint, dirt. Repair it, or lead traffic "
     "around it",
