@@ -103,7 +103,7 @@ def as_path(value: Any) -> Path:
         value = value.dataset
     where = value if "://" in str(value) else getattr(value, "path", value)
     if "://" in str(where):
-        from fleetlog.store.places import located
+        from fleetlog.store.dataset import located
 
         return located(where)
     path = Path(where)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -216,9 +216,29 @@ def _numpy_values(chunk: pa.ChunkedArray, name: str) -> Values:
     return np.asarray(chunk.to_numpy())
 
 
-def concatenate(pieces: list[Trajectory]) -> Trajectory:
-    """Pieces of one vehicle in order of time, as one; a column missing in a piece is null there."""
+def concatenate(pieces: Sequence[Trajectory]) -> Trajectory:
+    """Pieces of one vehicle as one, in the given order; a column missing in a piece is null there."""
     if len(pieces) == 1:
         return pieces[0]
-    tables = [to_arrow(p) for p in pieces]
-    return from_arrow(pa.concat_tables(tables, promote_options="default"), pieces[0].vehicle_id)
+    columns = {n: _joined(n, pieces) for n in dict.fromkeys(n for p in pieces for n in p.columns)}
+    return Trajectory(pieces[0].vehicle_id, np.concatenate([p.time for p in pieces]), columns)
+
+
+def _joined(name: str, pieces: Sequence[Trajectory]) -> Values:
+    values = [p.columns.get(name) for p in pieces]
+    if any(isinstance(v, Labels) for v in values):
+        labels = [as_labels(v, len(p)) for v, p in zip(values, pieces, strict=True)]
+        order = {n: i for i, n in enumerate(dict.fromkeys(n for piece in labels for n in piece.names))}
+        return Labels(np.concatenate([piece.recode(order) for piece in labels]), tuple(order))
+    null = -1 if name == "trip_id" else np.nan
+    given = zip(values, pieces, strict=True)
+    return np.concatenate([np.full(len(p), null) if v is None else v for v, p in given])
+
+
+def as_labels(values: Values | None, n: int) -> Labels:
+    """Labels as they are, null where there is no column, figures as text."""
+    if isinstance(values, Labels):
+        return values
+    if values is None:
+        return Labels(np.full(n, -1, np.int32), ())
+    return Labels.of([None if v != v else f"{v:g}" for v in values])

@@ -1,5 +1,150 @@
-"""Where jobs run: here, on all cores, or on a Dask cluster.  Nothing else in fleetlog knows."""
+"""Where jobs run: here, on all cores, or on a Dask cluster.  Nothing else in fleetlog knows.
 
-from fleetlog.engines.engine import Engine, current, using
+An engine does jobs, in any order, and gives their results in the order of the jobs.
+"""
 
-__all__ = ["Engine", "current", "using"]
+import os
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, TypeAlias, TypeVar
+
+from fleetlog.errors import DataError, FleetlogError, InputError, fault
+from fleetlog.registry import extra
+
+J = TypeVar("J")
+R = TypeVar("R")
+Name: TypeAlias = Callable[[J], str]
+AHEAD = 4  # Jobs per worker that may be done before their turn; their results wait in memory
+PER_WORKER = 1 << 30  # Memory that is reckoned for a worker by default [bytes]
+
+
+class Engine:
+    """Does jobs; function, jobs and results must be picklable.  This one does them here, in turn."""
+
+    workers = 1  # Jobs that run at the same time
+
+    def pays(self, cost: float) -> bool:
+        """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
+        return False
+
+    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
+        """Yield ``work(job)`` of every job, in the order of ``jobs``.
+
+        A job that fails leaves the rest: the first failure is raised in its turn, after the others were done.
+        ``name`` says what a job reads, for the error of an unforeseen fault.
+        """
+        outcomes = self._done(work, jobs, name)
+        for outcome in outcomes:
+            if isinstance(outcome, FleetlogError):
+                if more := sum(isinstance(o, FleetlogError) for o in outcomes):
+                    outcome.do = f"{outcome.do or 'repair it'} ({more} more failed)"
+                raise outcome
+            yield outcome
+
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+        """Results and errors, in the order of the jobs."""
+        return (attempt(work, job, name) for job in jobs)
+
+    def close(self) -> None:
+        """Leave everything as it was."""
+
+
+def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | FleetlogError:
+    """The result of one job, or the error of a job that failed."""
+    try:
+        return work(job)
+    except FleetlogError as error:
+        return error
+    except MemoryError:
+        return DataError("out of memory", where=name(job), do="use fewer --workers")
+    except Exception as error:
+        inner = getattr(work, "__wrapped__", getattr(work, "func", work))
+        called = str(getattr(inner, "__name__", type(inner).__name__)).strip("_").replace("_", " ")
+        return DataError(fault(called, error), where=name(job), do="please report it")
+
+
+_current: ContextVar[Engine] = ContextVar("engine", default=Engine())  # noqa: B039 - it holds no state
+current = _current.get  # Return the engine of the innermost :func:`using`; without one, jobs run here
+
+
+@contextmanager
+def using(workers: int | None = None, scheduler: str | None = None) -> Iterator[Engine]:
+    """Run the jobs of all library functions in this block on an engine.
+
+    Parameters
+    ----------
+    workers : processes of this machine; by default the cores there are, and where work is small, none.
+    scheduler : address of a Dask scheduler (``tcp://HOST:PORT``) in place of this machine.
+    """
+    engine: Engine
+    if scheduler is not None:
+        engine = Cluster(scheduler)
+    else:
+        from fleetlog.engines.processes import Processes
+
+        engine = Processes(workers, always=True) if workers else Processes(cores())
+    token = _current.set(engine)
+    try:
+        yield engine
+    finally:
+        _current.reset(token)
+        engine.close()
+
+
+def cores() -> int:
+    """Processes worth starting: the cores that this one may use, as far as memory goes round."""
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    try:
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return usable
+    return max(1, min(usable, memory // PER_WORKER))
+
+
+TIMEOUT = 20  # For the scheduler to answer [s]
+
+
+class Cluster(Engine):
+    """A Dask cluster; its workers have fleetlog installed and see the same files under the same names."""
+
+    def __init__(self, address: str) -> None:
+        distributed = extra("distributed", "cluster", "a Dask cluster needs dask.distributed", address)
+        try:
+            self.client: Any = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            what = f"no Dask scheduler answers ({error})"
+            raise InputError(what, where=address, do="check the address") from None
+
+    @property
+    def workers(self) -> int:  # type: ignore[override]  # it may grow
+        """Threads of all workers."""
+        return max(1, sum(int(n) for n in self.client.nthreads().values()))
+
+    def pays(self, cost: float) -> bool:
+        """Always: who names a cluster wants it used."""
+        return True
+
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+        """The scheduler gives the jobs of a lost worker to others."""
+        futures: list[Any] = []
+        try:
+            for turn, job in enumerate(jobs):
+                for later in jobs[turn + len(futures) : turn + AHEAD * self.workers]:
+                    futures.append(self.client.submit(attempt, work, later, name, pure=False))
+                yield self._outcome(futures[0], name(job))
+                del futures[0]
+        finally:
+            self.client.cancel(futures)
+
+    def _outcome(self, future: Any, name: str) -> Any:
+        from distributed import KilledWorker
+
+        try:
+            return future.result()
+        except KilledWorker as error:
+            return DataError(f"its workers died ({error})", where=name, do="give the workers more memory")
+
+    def close(self) -> None:
+        """Leave the cluster as it was."""
+        self.client.close()

@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fleetlog import interrupt
-from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt
+from fleetlog.engines import AHEAD, Engine, J, Name, R, attempt
 from fleetlog.errors import DataError, FleetlogError
 
 START = 0.5  # Jobs that take less time than this in all are done here [s]

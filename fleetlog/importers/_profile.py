@@ -13,9 +13,8 @@ import numpy as np
 from fleetlog.core import schema
 from fleetlog.core.arrays import Floats
 from fleetlog.core.columns import NAMES
-from fleetlog.core.frames import crs, map_frames
 from fleetlog.core.schema import Keys, Wrong, either, flag, list_of, one_of, real, table, text
-from fleetlog.core.site import MapFrame
+from fleetlog.core.site import MapFrame, crs, map_frames
 from fleetlog.errors import InputError
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._times import microseconds

@@ -17,8 +17,8 @@ import numpy as np
 
 from fleetlog.core.arrays import Ints
 from fleetlog.core.columns import NAMES
-from fleetlog.core.frames import geographic
-from fleetlog.core.trajectory import Labels, Trajectory, Values
+from fleetlog.core.site import geographic
+from fleetlog.core.trajectory import Labels, Trajectory, Values, concatenate
 from fleetlog.errors import FleetlogError
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile
@@ -27,7 +27,7 @@ from fleetlog.importers._times import EARLIEST
 from fleetlog.importers.base import LOCAL, RawBatch
 from fleetlog.ingest.files import Log
 from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, Slip, Spill, join
+from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, Slip, Spill
 from fleetlog.ingest.summary import FileSummary
 
 _RESERVED = frozenset((*NAMES, "date", *INTERNAL))
@@ -165,7 +165,7 @@ class Order:
 
     def sift(self, rows: Trajectory, *, last: bool = False) -> tuple[Trajectory, Trajectory]:
         """Rows to keep and rows to refuse."""
-        rows, self._waiting = join([*self._waiting, rows]), []
+        rows, self._waiting = concatenate([*self._waiting, rows]), []
         begin = run_starts(rows.time)
         keep = np.ones(len(rows), bool)
         for start, stop in zip(begin, [*begin[1:], len(rows)], strict=True):

@@ -13,7 +13,7 @@ from pyarrow import feather
 
 from fleetlog.core.arrays import Mask
 from fleetlog.core.columns import BY_NAME
-from fleetlog.core.trajectory import Labels, Trajectory, Values, from_arrow
+from fleetlog.core.trajectory import Labels, Trajectory, Values, as_labels, concatenate, from_arrow
 from fleetlog.importers._times import EARLIEST, LATEST
 
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
@@ -23,34 +23,6 @@ positions, of a stuck sensor, and whose position repeats an older one."""
 BUDGET = 96 << 20  # Bytes of rows that wait in memory before they are set down
 WINDOW_ROWS = 100_000  # Rows of a vehicle that are taken up again at a time, about
 SAMPLE = 20  # Of so many rows the time of one is looked at to find where these begin
-
-
-def join(pieces: Sequence[Trajectory]) -> Trajectory:
-    """Pieces of one vehicle as one, in the given order; a column missing in a piece is null there."""
-    if len(pieces) == 1:
-        return pieces[0]
-    columns = {n: _joined(n, pieces) for n in dict.fromkeys(n for p in pieces for n in p.columns)}
-    return Trajectory(pieces[0].vehicle_id, np.concatenate([p.time for p in pieces]), columns)
-
-
-def _joined(name: str, pieces: Sequence[Trajectory]) -> Values:
-    values = [p.columns.get(name) for p in pieces]
-    if any(isinstance(v, Labels) for v in values):
-        labels = [_as_labels(v, len(p)) for v, p in zip(values, pieces, strict=True)]
-        order = {n: i for i, n in enumerate(dict.fromkeys(n for piece in labels for n in piece.names))}
-        return Labels(np.concatenate([piece.recode(order) for piece in labels]), tuple(order))
-    null = -1 if name == "trip_id" else np.nan
-    given = zip(values, pieces, strict=True)
-    return np.concatenate([np.full(len(p), null) if v is None else v for v, p in given])
-
-
-def _as_labels(values: Values | None, n: int) -> Labels:
-    """Labels as they are, null where there is no column, figures as text."""
-    if isinstance(values, Labels):
-        return values
-    if values is None:
-        return Labels(np.full(n, -1, np.int32), ())
-    return Labels.of([None if v != v else f"{v:g}" for v in values])
 
 
 def set_unknown(rows: Trajectory, where: Mask, *names: str) -> Trajectory:
@@ -68,7 +40,7 @@ def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
     for name, text in own.items():
         values = rows.columns.get(name)
         if text and not isinstance(values, Labels):
-            new[name] = _as_labels(values, len(rows))
+            new[name] = as_labels(values, len(rows))
         elif values is None:
             new[name] = np.full(len(rows), np.nan)
     return rows.without(*INTERNAL).with_columns(**new)
@@ -124,7 +96,7 @@ class Spill:
     def set_down(self) -> list[Slip]:
         """Write what waits; what has been written so far."""
         for vehicle, waiting in self._waiting.items():
-            rows = join(waiting)
+            rows = concatenate(waiting)
             path = self.folder / f"{self.name}-{len(self.slips)}.arrow"
             _save(rows, path)
             self.slips.append(Slip(vehicle, path, int(rows.time.min()), int(rows.time.max()), len(rows)))
@@ -138,7 +110,7 @@ def windows(slips: Sequence[Slip]) -> Iterator[tuple[Trajectory, bool]]:
     edges = _edges(slips)
     for low, high in itertools.pairwise(edges):
         rows = (_load(slip, low, high) for slip in slips if slip.first < high and slip.last >= low)
-        yield join([piece for piece in rows if len(piece)]), high == edges[-1]
+        yield concatenate([piece for piece in rows if len(piece)]), high == edges[-1]
 
 
 def _edges(slips: Sequence[Slip]) -> list[int]:

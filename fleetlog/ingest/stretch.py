@@ -13,12 +13,12 @@ import numpy as np
 from fleetlog.core.arrays import Ints
 from fleetlog.core.network import Network
 from fleetlog.core.site import MapFrame, Site
-from fleetlog.core.trajectory import Labels, Trajectory
+from fleetlog.core.trajectory import Labels, Trajectory, concatenate
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Slip, join, windows, with_own_columns
+from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Slip, windows, with_own_columns
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
@@ -107,7 +107,7 @@ class VehicleImport:
     def take(self, rows: Trajectory, *, last: bool) -> None:
         """The next stretch of the vehicle, unsorted."""
         pieces, self._kept_back = [*self._kept_back, self._clean(rows)], []
-        rows = self._in_order(join([p for p in pieces if len(p)] or pieces))
+        rows = self._in_order(concatenate([p for p in pieces if len(p)] or pieces))
         if not len(rows):
             return
         full = self._derive(rows)

@@ -9,10 +9,10 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
 from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.network import reduced
 from fleetlog.learn.cells import Cells
 from fleetlog.learn.lines import Chain, way
 from fleetlog.learn.shape import ends
-from fleetlog.roads.segments import reduced
 
 STEP = 1.0  # distance of the stations of a centre line [m]
 SMOOTH = 2.0  # standard deviation of the smoothing along a line [m]

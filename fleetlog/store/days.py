@@ -25,9 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog import engines
-from fleetlog.store.dataset import Dataset
+from fleetlog.store.dataset import Dataset, is_url
 from fleetlog.store.output import PARTIALS
-from fleetlog.store.places import is_url
 
 P = TypeVar("P")
 QUESTIONS = 12  # So many questions are kept; of more, those that were asked longest ago go

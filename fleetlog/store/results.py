@@ -194,21 +194,15 @@ def roads_geojson(network: Network, frame: Frame, more: Mapping[str, Mapping[str
     features = []
     for i, edge in enumerate(network.edge_ids):
         back = int(network.reverse[i])
-        oneway = back < 0 or _differ(network, i, back)
+        points, other = network.polyline(i), network.polyline(back)[::-1]
+        apart = len(points) != len(other) or np.abs(points - other).max() > 1e-3
+        oneway = back < 0 or bool(apart)
         if oneway or not edge.startswith("-"):
-            features.append(_feature(network, i, oneway, frame, more))
+            features.append(_feature(network, i, oneway, frame, more.get(edge, {})))
     return {"type": "FeatureCollection", "features": features}
 
 
-def _differ(network: Network, i: int, back: int) -> bool:
-    """Whether two directions are drawn apart."""
-    a, b = network.polyline(i), network.polyline(back)[::-1]
-    return len(a) != len(b) or bool(np.abs(a - b).max() > 1e-3)
-
-
-def _feature(
-    network: Network, i: int, oneway: bool, frame: Frame, more: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
+def _feature(network: Network, i: int, oneway: bool, frame: Frame, more: Mapping[str, Any]) -> dict[str, Any]:
     points = network.polyline(i)
     latitude, longitude = frame.to_geographic(points[:, 0], points[:, 1])
     columns = [np.round(longitude, 9), np.round(latitude, 9)]
@@ -221,6 +215,6 @@ def _feature(
     for name, value in (("speed_limit", network.speed_limit[i]), ("width", network.width[i])):
         if np.isfinite(value):
             properties[name] = round(float(value), 3)
-    properties.update(plain(dict(more.get(network.edge_ids[i], {}))))
+    properties.update(plain(dict(more)))
     line = {"type": "LineString", "coordinates": np.column_stack(columns).tolist()}
     return {"type": "Feature", "properties": properties, "geometry": line}

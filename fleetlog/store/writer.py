@@ -18,11 +18,10 @@ from fleetlog.core.columns import HIVE_NULL
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
-from fleetlog.store.dataset import Dataset
+from fleetlog.store.dataset import Dataset, is_url, located, uploaded
 from fleetlog.store.documents import write_json
 from fleetlog.store.events import Tables
 from fleetlog.store.output import PARTIALS, atomic_output, share
-from fleetlog.store.places import is_url, located, uploaded
 from fleetlog.store.trips import Columns, contents_of, trip_pieces, trips_of
 from fleetlog.version import FORMAT_VERSION
 

@@ -15,8 +15,8 @@ from fleetlog.api.answer import Answer
 from fleetlog.api.inputs import DatasetLike, existing
 from fleetlog.api.verb import verb
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, FormatError, InputError
+from fleetlog.store.dataset import is_url
 from fleetlog.store.output import MARK
-from fleetlog.store.places import is_url
 
 if TYPE_CHECKING:
     from fleetlog.core.network import Network

@@ -25,8 +25,8 @@ import numpy as np
 import rerun as rr
 
 from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.network import reduced
 from fleetlog.core.site import Place, PlaceKind
-from fleetlog.roads.segments import reduced
 from fleetlog.store import Dataset
 from fleetlog.store.events import ACTIVITIES, TABLES, read_table
 from fleetlog.view import palette, ribbons

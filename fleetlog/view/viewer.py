@@ -21,7 +21,7 @@ import numpy as np
 
 from fleetlog import scratch
 from fleetlog.errors import FleetlogError, InputError
-from fleetlog.store.places import is_url
+from fleetlog.store.dataset import is_url
 from fleetlog.view.stream import TIMELINE
 
 AGAIN = "make it again from its dataset"

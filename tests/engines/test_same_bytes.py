@@ -125,7 +125,7 @@ def test_a_cluster_by_its_address(name, alone, fleet, truck, logs, site, tmp_pat
 def test_a_worker_of_the_cluster_killed_in_the_middle(
     name, alone, fleet, truck, logs, site, tmp_path, scheduler, monkeypatch
 ):
-    from fleetlog.engines.engine import Cluster
+    from fleetlog.engines import Cluster
 
     outcome, killed = Cluster._outcome, []
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleetlog.core.trajectory import Labels, Trajectory
+from fleetlog.core.trajectory import Labels, Trajectory, concatenate
 from fleetlog.ingest import clean
 from fleetlog.ingest.derive import fill_positions, interpolated, join_channels, release_held
 from fleetlog.ingest.reading import Order, run_starts
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, join
+from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD
 
 SECOND = 1_000_000
 
@@ -191,7 +191,7 @@ def test_channels_reach_the_rows_between() -> None:
     given = np.arange(0.5, 60.0, 5.0)
     channel = track(given, battery_power=100.0 + given, mode=Labels.of([f"m{int(g)}" for g in given]))
     channel = channel.with_columns(**{CHANNEL: np.ones(len(given))})
-    out = join_channels(clean.sort_rows(join([base, channel])))
+    out = join_channels(clean.sort_rows(concatenate([base, channel])))
     assert len(out) == 100 and CHANNEL not in out
     power = out.floats("battery_power")
     assert power[1:56] == pytest.approx(100.0 + t[1:56])

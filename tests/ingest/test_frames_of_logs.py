@@ -7,9 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fleetlog.core.frames import frame_of_crs, geographic
 from fleetlog.core.network import Edge, build_network, reversed_edge
-from fleetlog.core.site import Frame, MapFrame, Site, site_from_dict, site_to_dict
+from fleetlog.core.site import Frame, MapFrame, Site, frame_of_crs, geographic, site_from_dict, site_to_dict
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError, InputError
 from fleetlog.importers._profile import profile_from_dict

@@ -396,7 +396,7 @@ def test_the_sample_plant_has_the_same_roads_as_its_geojson(project_root):
     drawn = load_site(project_root / "sample_data" / "site.toml")[0].roads()
     lanes = load_site(project_root / "sample_data" / "site_3d.toml")[0].roads()
     # Every lane runs beside a road of the GeoJSON map, which is drawn along the middle.
-    from fleetlog.roads._placing import distance_to_roads
+    from fleetlog.roads.load import distance_to_roads
 
     assert distance_to_roads(drawn, lanes.points[:, :2]).max() < 2.5
     _, (report,) = load_site(project_root / "sample_data" / "plant.xodr")

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from fleetlog.core.network import distance_to_segment
 from fleetlog.roads.formats import _odr_geometry as geo
 from fleetlog.roads.formats.opendrive import moved
-from fleetlog.roads.segments import distance_to_segment
 
 
 def end(curve, length, x=0.0, y=0.0, heading=0.0):

@@ -12,9 +12,9 @@ import rrd
 from fixtures_view import complaints
 from ink import is_drawn, views
 
+from fleetlog.core.network import reduced
 from fleetlog.core.truck import load_truck
 from fleetlog.roads import load_site
-from fleetlog.roads.segments import reduced
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store import Dataset, DatasetWriter

@@ -10,8 +10,8 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats
+from fleetlog.core.network import distance_to_segment
 from fleetlog.errors import SiteError
-from fleetlog.roads.segments import distance_to_segment
 
 Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
 """ds [m] along a piece to u, v [m] and heading [rad] in the piece's own axes."""

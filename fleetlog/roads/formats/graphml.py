@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from fleetlog.core.arrays import Floats
-from fleetlog.core.frames import geographic
 from fleetlog.core.network import Edge, reverse_id
+from fleetlog.core.site import geographic
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats.base import KMH, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fleetlog.core.frames import crs, geographic
 from fleetlog.core.network import Edge
 from fleetlog.core.schema import Wrong
+from fleetlog.core.site import crs, geographic
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats.base import Inverse, MapOptions, Reader, RoadMap, Tally, at, number
