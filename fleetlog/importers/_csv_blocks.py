@@ -63,7 +63,7 @@ def guess_encoding(head: bytes) -> str:
 
 def blocks(path: Path, encoding: str, report: ReadReport, size: int = SIZE) -> Iterator[Block]:
     """The file, block by block; carriage returns alone end lines too (:func:`with_line_feeds`)."""
-    stream, raw = open_bytes(path, report)
+    stream, share = open_bytes(path, report)
     decoder = codecs.getincrementaldecoder(encoding)(errors="replace") if encoding != "utf-8" else None
     rest, first, ended = b"", 1, False
     with stream:
@@ -77,7 +77,7 @@ def blocks(path: Path, encoding: str, report: ReadReport, size: int = SIZE) -> I
             last = text.rfind(b"\n") + 1
             end = last if ended else _end_of_record(text, last)
             if end:
-                yield Block(text[:end], first, raw.share)
+                yield Block(text[:end], first, share())
                 first += text.count(b"\n", 0, end)
             rest = text[end:]
             if len(text) - last > LONGEST:

@@ -41,7 +41,10 @@ class Clock:
         if not self.style:
             return np.full(len(cells), _times.NONE)
         if self.style in EPOCH_UNITS:
-            return self._counted(cells)
+            try:
+                return self._whole(cells.cast(pa.int64()), self.style, self.profile.origin)
+            except pa.ArrowInvalid:
+                return _times.from_counts(numbers(cells)[0], self.style, self.profile.origin)
         if self.style == "of day" or not has_date(self.style):
             time = self._dated(_times.of_day(cells, self.style))
             return self.to_utc(time, time != _times.NONE, vehicle)
@@ -115,12 +118,6 @@ class Clock:
         self.report.recognised[name] = f"timestamp, counted in {likely} from 1970 ({why})"
         return likely
 
-    def _counted(self, cells: pa.Array) -> Ints:
-        try:
-            return self._whole(cells.cast(pa.int64()), self.style, self.profile.origin)
-        except pa.ArrowInvalid:
-            return _times.from_counts(numbers(cells)[0], self.style, self.profile.origin)
-
     def to_utc(self, time: Ints, bare: Mask, vehicle: Labels) -> Ints:
         """Times of which the ``bare`` ones are local (UTC without a zone in the profile)."""
         if not bare.any():
@@ -146,7 +143,6 @@ class Clock:
 
 
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
-_ODD = r"(?i)^[+-]?(nan|inf|infinity)$"
 _DEGREES = re.compile(
     r"^\s*(?P<head>[NSEWnsew])?\s*(?P<sign>[+-])?\s*(?P<d>\d{1,3}(?:\.\d+)?)\s*(?:°|d|deg|:|\s)\s*"
     r"(?:(?P<m>\d{1,2}(?:\.\d+)?)\s*(?:'|′|m|min|:|\s|$)\s*)?"

@@ -72,7 +72,10 @@ class Fields:
         :class:`ValueError` where it is no time.
         """
         if isinstance(value, str):
-            return self._of_text(value)
+            style, text = self.profile.time_format, value.strip()
+            dated = style is not None and "%" in style and has_date(style)
+            moment = datetime.strptime(text, str(style)) if dated else datetime.fromisoformat(text)
+            return microseconds(moment if moment.tzinfo else moment.replace(tzinfo=self.profile.zone or UTC))
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("no time")
         unit, likely = self.epoch if epoch == "" else epoch, epoch_unit(value)
@@ -83,14 +86,6 @@ class Fields:
             raise ValueError("no time, or one that counts from an unknown start")
         whole = value // 1000 if unit == "ns" and isinstance(value, int) else round(value * _PER[unit])
         return self.profile.origin + whole
-
-    def _of_text(self, text: str) -> int:
-        style = self.profile.time_format
-        if style is None or "%" not in style or not has_date(style):
-            moment = datetime.fromisoformat(text.strip())
-        else:
-            moment = datetime.strptime(text.strip(), style)
-        return microseconds(moment if moment.tzinfo else moment.replace(tzinfo=self.profile.zone or UTC))
 
 
 def fields_of(

@@ -75,7 +75,8 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
             rejects += [Reject(n, f"{name} is not a number", text, False) for n, text in said]
     off = (batch.time < EARLIEST) | (batch.time > LATEST)
     vehicle = _named(batch.vehicle)
-    nameless = np.array([*map(_nameless, vehicle.names), True])[vehicle.codes]
+    sizes = [0 if v == HIVE_NULL else len(quote(v.strip(), safe="")) for v in vehicle.names]
+    nameless = np.array([*(not 0 < size <= LONGEST_ID for size in sizes), True])[vehicle.codes]
     keep = ~(off | nowhere | nameless)
     for n in np.flatnonzero(~keep).tolist():
         reason = OFF_TIME if off[n] else NO_NAME if nameless[n] else "the position is not a number"
@@ -87,10 +88,6 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
         return RawBatch(vehicle, batch.time, columns, batch.record, rejects, batch.progress)
     columns = {n: v[keep] for n, v in columns.items()}
     return RawBatch(vehicle[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress)
-
-
-def _nameless(vehicle: str) -> bool:
-    return vehicle == HIVE_NULL or not 0 < len(quote(vehicle.strip(), safe="")) <= LONGEST_ID
 
 
 def _column(name: str, values: Values, report: ReadReport) -> tuple[str, Values]:

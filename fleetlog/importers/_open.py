@@ -5,7 +5,7 @@ A packed file that is cut off or broken gives what is whole.
 
 import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,7 @@ def compression(path: Path) -> str | None:
 
 
 class Unpacked(io.RawIOBase):
-    """The bytes of a file, unpacked piece by piece; ``share`` says how far the file itself has been read.
+    """The bytes of a file, unpacked piece by piece.
 
     Where the packing is cut off or broken, the stream ends there, with everything before it, and ``report``
     hears of it.
@@ -101,7 +101,6 @@ class Unpacked(io.RawIOBase):
         self._given, self._step = 0, PIECE
         self._unpacked: Any = pa.CompressedInputStream(self._file, self._packing) if self._packing else None
 
-    @property
     def share(self) -> float:
         """Share of the file that has been read, 0 to 1."""
         return min(self._file.tell() / self._size, 1.0) if not self._file.closed else 1.0
@@ -145,10 +144,10 @@ class Unpacked(io.RawIOBase):
         super().close()
 
 
-def open_bytes(path: Path, report: ReadReport | None = None) -> tuple[io.BufferedReader, Unpacked]:
-    """A buffered stream of the unpacked bytes, and the raw one below, which knows the share read."""
+def open_bytes(path: Path, report: ReadReport | None = None) -> tuple[io.BufferedReader, Callable[[], float]]:
+    """The unpacked bytes, buffered, and what tells the share of the file itself that has been read."""
     raw = Unpacked(path, report)
-    return io.BufferedReader(raw, 1 << 20), raw
+    return io.BufferedReader(raw, 1 << 20), raw.share
 
 
 def head_of(path: Path, size: int = HEAD) -> bytes:

@@ -1,18 +1,20 @@
 """Rows gathered one at a time into batches, and the small conversions that formats share."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT
+from fleetlog.importers._open import open_bytes
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME, iso_time
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, ReadOptions, Reject
 
 BATCH = 1 << 16  # Rows in a batch: large enough for columns to pay, small enough for bounded memory
 Row = dict[str, Any]  # Values by the names of columns; a string is a label
@@ -41,7 +43,7 @@ class Rows:
 
     def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
         self._always, self._share = always, share
-        self._place = next((pair for pair in (GEOGRAPHIC, LOCAL) if {*pair} <= {*always}), None)
+        self.place = next((pair for pair in (GEOGRAPHIC, LOCAL) if {*pair} <= {*always}), ())
         self.total = self.rejected = 0  # Rows taken or waiting, and those that were refused so far
         self._clear()
 
@@ -57,8 +59,8 @@ class Rows:
 
         It is rejected, as it was ``written``, where its place is no number or its time off.
         """
-        if self._place and unplaced(values, *self._place):
-            self.reject(record, f"{' or '.join(self._place)} is not a number", written or values)
+        if self.place and unplaced(values, *self.place):
+            self.reject(record, f"{' or '.join(self.place)} is not a number", written or values)
         elif not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
         else:
@@ -108,19 +110,59 @@ class Rows:
             yield self.take()
 
 
-def gather(records: Iterable[Any], take: Callable[[Any, int], None], *tables: Rows) -> Iterator[RawBatch]:
-    """Give every record and its number, from 1, to ``take``; the batches of ``tables`` as they fill.
+class Records(ABC):
+    """A log that is read record by record, a subclass a format; :meth:`batches` is what its importer reads.
 
-    Whatever goes wrong in ``take`` is one rejected record of the first table.
+    ``places`` are the columns that each of its tables has always, () for a channel; ``rows`` is the first.
     """
-    for number, record in enumerate(records, 1):
-        try:
-            take(record, number)
-        except Exception as error:
-            tables[0].reject(number, f"a fault in the reader ({type(error).__name__}); {REPORT}", record)
-        for rows in tables:
-            if rows.full:
-                yield rows.take()
+
+    places: ClassVar[tuple[tuple[str, ...], ...]] = (GEOGRAPHIC,)
+    longest: ClassVar[int] = 4096  # Bytes of a line
+    lacking: ClassVar[tuple[str, str]]  # What :meth:`nothing` says, unless a format overrides it
+    recognised: ClassVar[dict[str, str]] = {}
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self.path, self.report, self.vehicle, self.origin = path, options.report, options.name, options.origin
+        self.options = options
+        self.stream, share = open_bytes(path, options.report)
+        self.tables = [Rows(*place, share=share) for place in self.places]
+        self.rows = self.tables[0]
+
+    def records(self) -> Iterable[Any]:
+        """What the log consists of: its lines, unless a format says otherwise."""
+        return iter(lambda: self.stream.readline(self.longest), b"")
+
+    @abstractmethod
+    def take(self, record: Any, number: int) -> None:
+        """Make rows of a record, by its number from 1; whatever goes wrong here is one rejected record."""
+
+    def nothing(self) -> tuple[str, str]:
+        """What is wrong with a log without a position, and what to do."""
+        return self.lacking
+
+    def describe(self) -> None:
+        """Tell the report what was recognised and left out."""
+        self.report.recognised |= self.recognised
+
+    @classmethod
+    def batches(cls, path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+        """The rows, batch by batch."""
+        log = cls(path, options)
+        with log.stream:
+            for number, record in enumerate(log.records(), 1):
+                try:
+                    log.take(record, number)
+                except Exception as error:
+                    what = f"a fault in the reader ({type(error).__name__}); {REPORT}"
+                    log.rows.reject(number, what, record)
+                for rows in log.tables:
+                    if rows.full:
+                        yield rows.take()
+        if not any(rows.total for rows in log.tables if rows.place):
+            raise log.report.nothing(*log.nothing())
+        log.describe()
+        for rows in log.tables:
+            yield from rows.drain()
 
 
 def figures(line: bytes, count: int) -> list[float] | None:

@@ -134,16 +134,11 @@ def from_iso(cells: pa.Array) -> tuple[Ints, Mask]:
         # Times before 1970 round down like the others.
         micro = np.asarray(time.cast(pa.int64()).fill_null(0).to_numpy()) // 1000
         return np.where(np.asarray(cells.is_null()), NONE, micro), np.full(len(cells), bare)
-    return _iso_one_by_one(cells)
-
-
-def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, Mask]:
     text = pd.Series(cells.to_pandas(), dtype=object).str.strip()
     # The date itself ends in -DD; a zone only counts after a time of day.
     zoned = text.str.contains(r"(?:[zZ]|[+-]\d\d(?::?\d\d)?)$", na=False) & text.str.contains(":", na=False)
-    return _epoch(pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)), ~np.asarray(
-        zoned
-    )
+    found = pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)
+    return _epoch(found), ~np.asarray(zoned)
 
 
 def from_format(cells: pa.Array, style: str) -> tuple[Ints, Mask]:

@@ -98,11 +98,9 @@ def packed_minutes(values: Floats) -> Floats:
 
 _SPELLINGS: dict[str, str] = {
     "vehicle_id": "vehicle vehicleid id truck truck_id truckid device device_id deviceid agv agv_id asset "
-    "asset_id unit_id "
-    "forklift forklift_id robot robot_id serial_number serialnumber vehicle_name car_id",
+    "asset_id unit_id forklift forklift_id robot robot_id serial_number serialnumber vehicle_name car_id",
     "timestamp": "time datetime date_time ts utc epoch time_stamp gps_time gpstime utc_time timestamp_utc "
-    "time_utc unix_time "
-    "unixtime recorded_at created_at",
+    "time_utc unix_time unixtime recorded_at created_at",
     "latitude": "lat gps_lat gps_latitude position_lat",
     "longitude": "lon lng long gps_lon gps_lng gps_longitude position_lon position_long",
     "x": "pos_x position_x x_pos",

@@ -4,45 +4,45 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from lxml import etree
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._open import ReadReport, open_bytes
+from fleetlog.importers._rows import Records
+from fleetlog.importers.base import ReadOptions
 
 LIMIT = 1 << 24
 """Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""
 
 
-class Elements:
+class Elements(Records):
     """Elements of the ``wanted`` tags at their ends; like the ``passed`` ones counted, then emptied.
 
     So memory does not grow with the file. Entities are not expanded, nothing is loaded from elsewhere,
     libxml2's limits on depth and text stay on. A file that is cut off or broken gives what came before;
-    ``report`` hears of it.
+    the report hears of it.
     """
 
-    def __init__(self, path: Path, report: ReadReport, wanted: tuple[str, ...], *passed: str) -> None:
-        self.path, self.report, self.wanted, self.passed = path, report, wanted, passed
-        self.seen: Counter[str] = Counter()
-        self._stream, self._raw = open_bytes(path, report)
-        self._since = 0
+    wanted: ClassVar[tuple[str, ...]]
+    passed: ClassVar[tuple[str, ...]] = ()
 
-    def share(self) -> float:
-        """Share of the file that has been read."""
-        return self._raw.share
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        super().__init__(path, options)
+        self.seen: Counter[str] = Counter()
+        self._since = 0
 
     def read(self, size: int = -1) -> bytes:
         """For the parser."""
-        data = self._stream.read(min(size, 1 << 15) if size > 0 else 1 << 15)
+        data = self.stream.read(min(size, 1 << 15) if size > 0 else 1 << 15)
         self._since += len(data)
         if self._since > LIMIT:
             what = f"one element holds more than {LIMIT >> 20} MB of XML"
             raise FormatError(what, where=self.path, do="this is no log; leave it out")
         return data
 
-    def __iter__(self) -> Iterator[Any]:
+    def records(self) -> Iterator[Any]:
+        """The wanted elements."""
         events = etree.iterparse(
             self, events=("end",), tag=[f"{{*}}{t}" for t in (*self.wanted, *self.passed)],
             resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
@@ -59,8 +59,6 @@ class Elements:
             line = f"line {error.position[0]}" if error.position and error.position[0] else "the start"
             why = " ".join(str(error).split())[:120]
             self.report.damaged(f"the XML breaks off or is wrong at {line} ({why})")
-        finally:
-            self._stream.close()
 
 
 def _forget(element: Any) -> None:

@@ -11,11 +11,12 @@ import struct
 from collections.abc import Iterator
 from io import BufferedReader
 from pathlib import Path
+from typing import ClassVar
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._open import Damaged, ReadReport, cut, open_bytes, packets
-from fleetlog.importers._rows import Rows, finite, gather
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.importers._open import Damaged, cut, packets
+from fleetlog.importers._rows import Records, finite
+from fleetlog.importers.base import LOCAL, Importer
 
 MAGIC = b"CARLA_RECORDER"
 FRAME_START, EVENT_ADD, POSITION = 0, 2, 6
@@ -30,53 +31,37 @@ def sniff(path: Path, head: bytes) -> bool:
     return head[2:4] == struct.pack("<H", len(MAGIC)) and head[4:].startswith(MAGIC)
 
 
-def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+class _Carla(Records):
     """One row a vehicle and frame; walkers and other actors are left out."""
-    stream, raw = open_bytes(path, options.report)
-    rows = Rows("x", "y", share=lambda: raw.share)
-    with stream:
-        start = _header(stream, path, options.report)
-        log = _Log(rows, options.origin or start)
-        yield from gather(packets(stream, _PACKET, options.report), log.take, rows)
-    if not rows.total:
-        raise options.report.nothing("no vehicle's position in it", "record it with vehicles")
-    told = options.report.recognised
-    told["position"] = "x, y, z from cm, y turned to the left, heading from degrees"
-    told["actor"] = "vehicle_id: type and number"
-    yield from rows.drain()
 
+    places = (LOCAL,)
+    lacking = "no vehicle's position in it", "record it with vehicles"
+    recognised: ClassVar = {
+        "position": "x, y, z from cm, y turned to the left, heading from degrees",
+        "actor": "vehicle_id: type and number",
+    }
 
-def _header(stream: BufferedReader, path: Path, report: ReadReport) -> int:
-    """The recording's date [us since 1970]; the map is told."""
-    try:
-        version, _ = struct.unpack("<H", stream.read(2))[0], _text(stream)
-        date, town = struct.unpack("<q", stream.read(8))[0], _text(stream)
-    except struct.error:
-        raise FormatError("the file breaks off in its header", where=path, do="record it again") from None
-    if version != 1:
-        raise FormatError(f"is version {version} of the recorder's format", where=path, do="give version 1")
-    report.note(f"recorded by CARLA on the map {town}")
-    return int(date) * 1_000_000
-
-
-def _text(stream: BufferedReader) -> str:
-    return stream.read(struct.unpack("<H", stream.read(2))[0]).decode("utf-8", "replace")
-
-
-class _Log:
-    """Packets to rows, with the names of the vehicles and the time of the frame."""
-
-    def __init__(self, rows: Rows, origin: int) -> None:
-        self.rows, self.origin = rows, origin
-        self._names: dict[int, str] = {}
-        self._time = origin
+    def records(self) -> Iterator[tuple[int, bytes]]:
+        """Packets behind the header, which says the recording's date and map."""
+        try:
+            version, _ = struct.unpack("<H", self.stream.read(2))[0], _text(self.stream)
+            date, town = struct.unpack("<q", self.stream.read(8))[0], _text(self.stream)
+        except struct.error:
+            what = "the file breaks off in its header"
+            raise FormatError(what, where=self.path, do="record it again") from None
+        if version != 1:
+            what = f"is version {version} of the recorder's format"
+            raise FormatError(what, where=self.path, do="give version 1")
+        self.report.note(f"recorded by CARLA on the map {town}")
+        self._names: dict[int, str] = {}  # Of the vehicles
+        self._start = self._time = self.origin or date * 1_000_000
+        yield from packets(self.stream, _PACKET, self.report)
 
     def take(self, packet: tuple[int, bytes], number: int) -> None:
-        """One packet."""
         kind, data = packet
         try:
             if kind == FRAME_START:
-                self._time = self.origin + round(_FRAME.unpack(data)[2] * 1e6)
+                self._time = self._start + round(_FRAME.unpack(data)[2] * 1e6)
             elif kind == EVENT_ADD:
                 self._names |= dict(_added(data))
             elif kind == POSITION:
@@ -94,6 +79,10 @@ class _Log:
             self.rows.add(name, self._time, number, values)
 
 
+def _text(stream: BufferedReader) -> str:
+    return stream.read(struct.unpack("<H", stream.read(2))[0]).decode("utf-8", "replace")
+
+
 def _added(data: bytes) -> Iterator[tuple[int, str]]:
     """(actor, name) of the vehicles that a packet adds: ``tesla.model3-27`` of ``vehicle.tesla.model3``."""
     (count,), at = struct.unpack_from("<H", data), 2
@@ -108,4 +97,4 @@ def _added(data: bytes) -> Iterator[tuple[int, str]]:
             yield actor, f"{name.decode('utf-8', 'replace').removeprefix('vehicle.')}-{actor}"
 
 
-IMPORTER = Importer("carla", (".log", ".rec"), sniff, read)
+IMPORTER = Importer("carla", (".log", ".rec"), sniff, _Carla.batches)

@@ -19,10 +19,10 @@ import numpy as np
 
 from fleetlog.core.words import count
 from fleetlog.importers._fields import Fields, fields_of
-from fleetlog.importers._open import ReadReport, open_bytes
+from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Source
-from fleetlog.importers._rows import Rows, finite, gather
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions
+from fleetlog.importers._rows import Records, finite
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, ReadOptions
 
 TIMES = ("coordTimes", "times", "timestamps")
 BLOCK = 1 << 18
@@ -35,22 +35,6 @@ _SIGN = re.compile(rb'"type"\s*:\s*"(FeatureCollection|Feature)"')
 def sniff(path: Path, head: bytes) -> bool:
     """Whether the text begins as a JSON object and speaks of features."""
     return head.lstrip(b"\xef\xbb\xbf\x1e \t\r\n").startswith(b"{") and _SIGN.search(head) is not None
-
-
-def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
-    """One row a point or vertex."""
-    stream, raw = open_bytes(path, options.report)
-    reader = _Reader(options, lambda: raw.share)
-    with stream:
-        yield from gather(features(stream, options.report), reader.feature, *reader.tables)
-    if not any(rows.total for rows in reader.tables):
-        do = "give points a property 'timestamp', lines 'coordTimes'"
-        raise options.report.nothing(reader.nothing(), do)
-    if reader.left_out:
-        kinds = ", ".join(f"{n} {k}" for k, n in reader.left_out.items())
-        options.report.note(f"geometries without motion left out: {kinds}")
-    for rows in reader.tables:
-        yield from rows.drain()
 
 
 def features(stream: BufferedReader, report: ReadReport) -> Iterator[dict[str, Any]]:
@@ -91,19 +75,21 @@ def _objects(text: str) -> Iterator[tuple[dict[str, Any], int]]:
         yield item, at
 
 
-class _Reader:
-    """Features to rows, positions in degrees or, where a feature says so, in local metres."""
+class _GeoJson(Records):
+    """One row a point or vertex, in degrees or, where a feature says so, in local metres."""
 
-    def __init__(self, options: ReadOptions, share: Any) -> None:
-        self.options = options
-        self._geographic, self._local = (Rows(*pair, share=share) for pair in (GEOGRAPHIC, LOCAL))
-        self.tables = self._geographic, self._local
+    places = (GEOGRAPHIC, LOCAL)
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        super().__init__(path, options)
         self.left_out: Counter[str] = Counter()
         self.points = 0
         self._fields: dict[tuple[str, ...], Fields] = {}
 
-    def feature(self, feature: dict[str, Any], number: int) -> None:
-        """Take one feature."""
+    def records(self) -> Iterator[dict[str, Any]]:
+        return features(self.stream, self.report)
+
+    def take(self, feature: dict[str, Any], number: int) -> None:
         geometry, properties = feature.get("geometry"), feature.get("properties")
         geometry = geometry if isinstance(geometry, dict) else {}
         properties = properties if isinstance(properties, dict) else {}
@@ -121,20 +107,20 @@ class _Reader:
             if len(self._fields) > 1000:  # every feature with other names: remembering gains nothing
                 self._fields.clear()
             given = (n for n in names if n not in ("geometry", "frame"))
-            self._fields[names] = fields_of(given, self.options.profile, self.options.report)
+            self._fields[names] = fields_of(given, self.options.profile, self.report)
         return self._fields[names]
 
     def _vehicle(self, known: Fields, properties: dict[str, Any]) -> str:
         name = properties.get(known.vehicle) if known.vehicle else None
         if self.options.vehicle or known.vehicle == "id" or name is None or isinstance(name, dict | list):
-            return self.options.name
+            return self.vehicle
         return str(name)
 
     def _point(self, coordinates: Any, properties: dict[str, Any], number: int) -> None:
         self.points += 1
         known = self._known(properties)
-        rows = self._local if properties.get("frame") == "local metres" else self._geographic
-        values = _place(coordinates, LOCAL if rows is self._local else GEOGRAPHIC)
+        rows = self.tables[properties.get("frame") == "local metres"]
+        values = _place(coordinates, rows.place)
         try:
             time = known.instant(properties.get(known.time[0]) if known.time else None)
         except ValueError:
@@ -154,29 +140,31 @@ class _Reader:
         for line, stamps in zip_longest(lines, times[: len(lines)]):
             if not isinstance(line, list) or not isinstance(stamps, list) or len(stamps) != len(line):
                 for vertex in line if isinstance(line, list) else [properties]:
-                    self._geographic.reject(number, "vertex of a line without a time for each", vertex)
+                    self.rows.reject(number, "vertex of a line without a time for each", vertex)
                 continue
             for vertex, stamp in zip(line, stamps, strict=True):
-                self._vertex(vertex, stamp, vehicle, number, known)
+                try:
+                    time = known.instant(stamp, None)
+                except ValueError:
+                    self.rows.reject(number, "vertex without a time", f"{vertex} {stamp}")
+                else:
+                    self.rows.add(vehicle, time, number, _place(vertex, GEOGRAPHIC), vertex)
 
-    def _vertex(self, vertex: Any, stamp: Any, vehicle: str, number: int, known: Fields) -> None:
-        try:
-            time = known.instant(stamp, None)
-        except ValueError:
-            self._geographic.reject(number, "vertex without a time", f"{vertex} {stamp}")
-        else:
-            self._geographic.add(vehicle, time, number, _place(vertex, GEOGRAPHIC), vertex)
-
-    def nothing(self) -> str:
-        """What the file holds instead of motion."""
+    def nothing(self) -> tuple[str, str]:
         found = [count(self.points, "point") + " without a time"] if self.points else []
-        vertices = self._geographic.rejected - self.points
+        vertices = self.rows.rejected - self.points
         found += [f"{vertices:,} vertices of lines without times"] if vertices > 0 else []
         found += [f"{n} {kind}" for kind, n in self.left_out.items()]
-        return "no position with a time in it" + (f", only {' and '.join(found)}" if found else "")
+        what = "no position with a time in it" + (f", only {' and '.join(found)}" if found else "")
+        return what, "give points a property 'timestamp', lines 'coordTimes'"
+
+    def describe(self) -> None:
+        if self.left_out:
+            kinds = ", ".join(f"{n} {k}" for k, n in self.left_out.items())
+            self.report.note(f"geometries without motion left out: {kinds}")
 
 
-def _place(coordinates: Any, pair: tuple[str, str]) -> dict[str, Any]:
+def _place(coordinates: Any, pair: tuple[str, ...]) -> dict[str, Any]:
     """A place in degrees stands with the longitude first."""
     given = coordinates if isinstance(coordinates, list) else []
     names = pair if pair == LOCAL else pair[::-1]
@@ -204,4 +192,6 @@ def _own(value: Any) -> Any:
     return finite(value) if isinstance(value, int | float) else value if isinstance(value, str) else None
 
 
-IMPORTER = Importer("geojson", (".geojson", ".json", ".geojsonl", ".geojsons"), sniff, read, rank=2)
+IMPORTER = Importer(
+    "geojson", (".geojson", ".json", ".geojsonl", ".geojsons"), sniff, _GeoJson.batches, rank=2
+)

@@ -5,61 +5,68 @@ may stand in an extension; numbers in other extensions are kept.  A file is one 
 file that fleetlog wrote names its vehicles by its tracks.
 """
 
-from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
-from fleetlog.importers._open import ReadReport
-from fleetlog.importers._rows import Rows, finite, gather, heading_of_course
+from fleetlog.importers._rows import finite, heading_of_course
 from fleetlog.importers._xml import Elements, local
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
+from fleetlog.importers.base import Importer, ReadOptions, holding
 
 _KEPT = {"ele": "z", "hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
 _COURSES = ("course", "bearing")
 _STILL = {"wpt": "waypoint", "rtept": "route point"}
 
 
-def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+class _Gpx(Elements):
     """The points of all tracks, in the order of the file."""
-    elements = Elements(path, options.report, ("trkpt",), "wpt", "rtept", "trkseg", "trk")
-    rows = Rows("latitude", "longitude", share=elements.share)
-    names: set[str] = set()
-    segment, vehicle = None, options.name
 
-    def take(point: Any, number: int) -> None:
-        nonlocal segment, vehicle
-        if point.getparent() is not segment:
-            segment = point.getparent()
+    wanted, passed = ("trkpt",), ("wpt", "rtept", "trkseg", "trk")
+    recognised: ClassVar = {"lat, lon": "position, WGS 84", "time": "timestamp, ISO 8601", "ele": "z, from m"}
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        super().__init__(path, options)
+        self._tracks: set[str] = set()
+        self._segment, self._vehicle = None, self.vehicle
+
+    def take(self, point: Any, number: int) -> None:
+        if (segment := point.getparent()) is not self._segment:
+            self._segment = segment
             track = segment.getparent().findtext("{*}name", "").strip()
-            names.update([track] if track else [])
+            self._tracks.update([track] if track else [])
             ours = (point.getroottree().getroot().get("creator") or "").startswith("fleetlog")
-            vehicle = track if track and ours and options.vehicle is None else options.name
-        _add_point(rows, point, vehicle, number)
+            self._vehicle = track if track and ours and self.options.vehicle is None else self.vehicle
+        values: dict[str, Any] = {"latitude": finite(point.get("lat")), "longitude": finite(point.get("lon"))}
+        time = None
+        for leaf in point.iterdescendants("{*}*"):
+            name = local(leaf)
+            if name in _KEPT:
+                values[_KEPT[name]] = finite(leaf.text)
+            elif name == "time" and leaf.getparent() is point:
+                time = leaf.text
+            elif name in _COURSES:
+                values["heading"] = heading_of_course(finite(leaf.text))
+            elif not len(leaf) and leaf.getparent() is not point:
+                _keep_extension(values, name, leaf.text)
+        self.rows.add_iso(self._vehicle, time, number, values, point.attrib)
 
-    yield from gather(elements, take, rows)
-    if not rows.total:
-        raise options.report.nothing(_what_is_there(elements.seen, rows), "record the track with times")
-    _describe(options.report, elements.seen, names, options.name)
-    yield from rows.drain()
+    def nothing(self) -> tuple[str, str]:
+        others = [count(self.seen[t], noun) for t, noun in _STILL.items() if self.seen[t]]
+        what = f"no track in it, only {' and '.join(others)}" if others else "no track point in it"
+        if self.seen["trkpt"]:
+            points, why = count(self.seen["trkpt"], "track point"), self.rows.take().rejects[0].reason
+            what = f"none of its {points} can be used: {why}"
+        return what, "record the track with times"
 
-
-def _add_point(rows: Rows, element: Any, vehicle: str, record: int) -> None:
-    values: dict[str, Any] = {"latitude": finite(element.get("lat")), "longitude": finite(element.get("lon"))}
-    time = None
-    for leaf in element.iterdescendants("{*}*"):
-        name = local(leaf)
-        if name in _KEPT:
-            values[_KEPT[name]] = finite(leaf.text)
-        elif name == "time" and leaf.getparent() is element:
-            time = leaf.text
-        elif name in _COURSES:
-            values["heading"] = heading_of_course(finite(leaf.text))
-        elif not len(leaf) and leaf.getparent() is not element:
-            _keep_extension(values, name, leaf.text)
-    rows.add_iso(vehicle, time, record, values, element.attrib)
+    def describe(self) -> None:
+        super().describe()
+        if len(self._tracks) > 1:
+            tracks = count(len(self._tracks), "track")
+            self.report.note(f"{tracks} with different names read as vehicle {self.vehicle}")
+        for tag, noun in _STILL.items():
+            if self.seen[tag]:
+                self.report.note(f"{count(self.seen[tag], noun)} left out: no motion")
 
 
 def _keep_extension(values: dict[str, Any], name: str, text: str | None) -> None:
@@ -70,21 +77,4 @@ def _keep_extension(values: dict[str, Any], name: str, text: str | None) -> None
         values[name] = text
 
 
-def _what_is_there(seen: Counter[str], rows: Rows) -> str:
-    if seen["trkpt"]:
-        points = count(seen["trkpt"], "track point")
-        return f"none of its {points} can be used: {rows.take().rejects[0].reason}"
-    others = [count(seen[t], noun) for t, noun in _STILL.items() if seen[t]]
-    return f"no track in it, only {' and '.join(others)}" if others else "no track point in it"
-
-
-def _describe(report: ReadReport, seen: Counter[str], names: set[str], vehicle: str) -> None:
-    report.recognised |= {"lat, lon": "position, WGS 84", "time": "timestamp, ISO 8601", "ele": "z, from m"}
-    if len(names) > 1:
-        report.note(f"{count(len(names), 'track')} with different names read as vehicle {vehicle}")
-    for tag, noun in _STILL.items():
-        if seen[tag]:
-            report.note(f"{count(seen[tag], noun)} left out: no motion")
-
-
-IMPORTER = Importer("gpx", (".gpx",), holding(b"<gpx", b"<\x00g\x00p\x00x\x00"), read)
+IMPORTER = Importer("gpx", (".gpx",), holding(b"<gpx", b"<\x00g\x00p\x00x\x00"), _Gpx.batches)

@@ -12,10 +12,9 @@ from pathlib import Path
 
 from fleetlog.core.words import count
 from fleetlog.importers._nmea import RANKS, Part, decode, frames, kind_of
-from fleetlog.importers._open import ReadReport, open_bytes
-from fleetlog.importers._rows import Rows, gather
+from fleetlog.importers._rows import Records
 from fleetlog.importers._times import DAY
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.importers.base import Importer, ReadOptions
 
 WAITING = 1 << 18  # Fixes that may wait for the first date
 _AIS = ("VDM", "VDO")
@@ -31,34 +30,22 @@ def sniff(path: Path, head: bytes) -> bool:
     return (good > 0 and (good >= bad or path.suffix.lower() in IMPORTER.suffixes)) or bad > 2 * good > 0
 
 
-def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+class _Nmea(Records):
     """One row a moment with a fix."""
-    stream, raw = open_bytes(path, options.report)
-    rows = Rows("latitude", "longitude", share=lambda: raw.share)
-    reader = _Reader(rows, options.name)
-    with stream:
-        yield from gather(frames(stream), reader.take, rows)
-    reader.close()
-    if not rows.total:
-        wanted = "RMC or ZDA as well" if reader.waiting else "RMC or GGA sentences or UBX NAV-PVT"
-        raise options.report.nothing(reader.nothing(), f"record {wanted}")
-    reader.describe(options.report)
-    yield from rows.drain()
 
-
-class _Reader:
-    """Frames to fixes, one a moment, with what they are counted."""
-
-    def __init__(self, rows: Rows, vehicle: str) -> None:
-        self.rows, self.vehicle = rows, vehicle
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        super().__init__(path, options)
         self.kinds: Counter[str] = Counter()
         self.ais = self.unchecked = self.no_fix = 0
         self.waiting: list[Part] = []  # Fixes before the first date
         self._open = Part()
         self._last: Part | None = None  # The last fix with a date
 
+    def records(self) -> Iterator[tuple[int, bytes, str | None]]:
+        yield from frames(self.stream)
+        self._close()
+
     def take(self, found: tuple[int, bytes, str | None], _: int) -> None:
-        """One more frame; what cannot be used is rejected."""
         line, frame, fault = found
         kind = kind_of(frame)
         if kind[0] == "!" or kind[-3:] in _AIS:
@@ -80,7 +67,7 @@ class _Reader:
     def _add(self, part: Part) -> None:
         """A new time of day closes the fix before it."""
         if self._open.tod >= 0 and part.tod not in (-1, self._open.tod):
-            self.close()
+            self._close()
         fix = self._open
         fix.line = fix.line or part.line
         fix.tod, fix.day = max(fix.tod, part.tod), part.day or fix.day
@@ -88,7 +75,7 @@ class _Reader:
         fix.values = fix.values | part.values if part.rank > fix.rank else part.values | fix.values
         fix.rank = max(fix.rank, part.rank)
 
-    def close(self) -> None:
+    def _close(self) -> None:
         """End the current fix; the first with a date gives one to those before it, from the last back."""
         fix, self._open, last = self._open, Part(), self._last
         if fix.tod < 0:
@@ -110,7 +97,11 @@ class _Reader:
                 self.no_fix += 1
         self.waiting.clear()
 
-    def nothing(self) -> str:
+    def nothing(self) -> tuple[str, str]:
+        wanted = "RMC or ZDA as well" if self.waiting else "RMC or GGA sentences or UBX NAV-PVT"
+        return self._instead(), f"record {wanted}"
+
+    def _instead(self) -> str:
         """What the log holds instead of dated positions."""
         if self.waiting:
             undated = count(len(self.waiting), "position")
@@ -125,11 +116,10 @@ class _Reader:
             why = f"; {self.rows.rejected} rejected, the first on line {first[0].record}: {first[0].reason}"
         return f"no sentence with a position (readable sentences: {found}){why}"
 
-    def describe(self, report: ReadReport) -> None:
-        """Say what was read and left out."""
+    def describe(self) -> None:
         sources = sorted(k for k in self.kinds if k[-3:] in RANKS or k == "UBX-0107")
         meaning = "position, time, speed from knots, heading from course, z above sea level"
-        report.recognised[", ".join(sources)] = meaning
+        self.report.recognised[", ".join(sources)] = meaning
         for number, noun, what in (
             (self.no_fix, "moment", "without a fix left out"),
             (len(self.waiting), "position", "without a date left out"),
@@ -137,7 +127,7 @@ class _Reader:
             (self.unchecked, "sentence", "without a checksum read"),
         ):
             if number:
-                report.note(f"{count(number, noun)} {what}")
+                self.report.note(f"{count(number, noun)} {what}")
 
 
-IMPORTER = Importer("nmea", (".nmea", ".nma", ".ubx", ".log"), sniff, read, rank=1)
+IMPORTER = Importer("nmea", (".nmea", ".nma", ".ubx", ".log"), sniff, _Nmea.batches, rank=1)

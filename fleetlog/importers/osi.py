@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._open import PACKET_LIMIT, head_of, open_bytes, packets, plain_suffix
-from fleetlog.importers._rows import Rows, Sample, gather
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.importers._open import PACKET_LIMIT, head_of, packets, plain_suffix
+from fleetlog.importers._rows import Records, Sample
+from fleetlog.importers.base import LOCAL, Importer
 from fleetlog.registry import extra
 
 _LENGTH = struct.Struct("<I")
@@ -33,40 +33,41 @@ def sniff(path: Path, head: bytes) -> bool:
     return plain_suffix(path) == ".osi" and 0 < first <= PACKET_LIMIT and head[4] == _VERSION
 
 
-def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+class _Osi(Records):
     """One row a vehicle and message, in the metres of the trace."""
-    stream, raw = open_bytes(path, options.report)
-    rows, schema = Rows("x", "y", share=lambda: raw.share), _schema(path)
 
-    def take(packet: tuple[bytes], number: int) -> None:
+    places = (LOCAL,)
+
+    def records(self) -> Iterator[tuple[bytes]]:
+        self._schema = _schema(self.path)
+        return packets(self.stream, _LENGTH, self.report)
+
+    def take(self, packet: tuple[bytes], number: int) -> None:
         try:
-            found = vehicles(schema, packet[0])
+            found = vehicles(self._schema, packet[0])
         except ValueError as error:
-            rows.reject(number, f"no {schema} message", error)
+            self.rows.reject(number, f"no {self._schema} message", error)
             return
         for sample in found:
-            rows.add(sample.vehicle, options.origin + sample.stamp, number, sample.values)
+            self.rows.add(sample.vehicle, self.origin + sample.stamp, number, sample.values)
 
-    with stream:
-        yield from gather(packets(stream, _LENGTH, options.report), take, rows)
-    if not rows.total:
-        raise options.report.nothing(f"no vehicle in its {schema} messages", "record ground truth")
-    options.report.recognised[schema] = "position, heading and speed of every vehicle, from m, rad and m/s"
-    yield from rows.drain()
+    def nothing(self) -> tuple[str, str]:
+        return f"no vehicle in its {self._schema} messages", "record ground truth"
 
-
-def _class(schema: str) -> Any:
-    name = schema.removeprefix("osi3.")
-    module = f"osi3.osi_{name.lower()}_pb2"
-    return getattr(extra(module, "osi", "reading OSI needs osi-python", error=FormatError), name)
+    def describe(self) -> None:
+        meaning = "position, heading and speed of every vehicle, from m, rad and m/s"
+        self.report.recognised[self._schema] = meaning
 
 
 def vehicles(schema: str, data: Any) -> list[Sample]:
     """One sample a vehicle, at the time of the message; :class:`ValueError` for bytes that are none."""
+    name = schema.removeprefix("osi3.")
+    module = f"osi3.osi_{name.lower()}_pb2"
+    kind = getattr(extra(module, "osi", "reading OSI needs osi-python", error=FormatError), name)
     from google.protobuf.message import DecodeError
 
     try:
-        said = _class(schema).FromString(bytes(data))
+        said = kind.FromString(bytes(data))
     except DecodeError as error:
         raise ValueError(str(error)) from None
     truth = said.global_ground_truth if schema == "osi3.SensorView" else said
@@ -98,4 +99,4 @@ def _schema(path: Path) -> str:
     return "osi3.GroundTruth"
 
 
-IMPORTER = Importer("osi", (".osi",), sniff, read)
+IMPORTER = Importer("osi", (".osi",), sniff, _Osi.batches)

@@ -23,6 +23,7 @@ from fleetlog.importers.csv import unique
 BATCH = 1 << 17
 _OF_FIGURES = ("null", "boolean", "decimal", "floating", "integer")
 _FIGURES = [getattr(pa.types, f"is_{kind}") for kind in _OF_FIGURES]
+_TIMES = [getattr(pa.types, f"is_{kind}") for kind in ("timestamp", "date", "integer", "floating")]
 GROUP_LIMIT = 1 << 32  # Unpacked bytes of a row group that are believed
 CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
 """Values that a file may state: so many in any file, and so many for each of its bytes."""
@@ -99,7 +100,8 @@ class _Reader:
         columns = {n: _plain(batch.column(n)) for n in fields.names if n not in fields.time}
         for name in fields.time:
             stamps = batch.column(name)
-            columns[name] = stamps if _is_time(stamps.type) else _plain(stamps).cast(pa.string())
+            timed = any(test(stamps.type) for test in _TIMES)
+            columns[name] = stamps if timed else _plain(stamps).cast(pa.string())
         if self.geometry:
             columns |= dict(zip(GEOGRAPHIC[::-1], _points(batch.column("geometry")), strict=True))
         if fields.vehicle is not None:
@@ -113,11 +115,6 @@ class _Reader:
             return [" ".join(f"{name}={value}" for name, value in row.items()) for row in rows]
 
         return self.rows.batch(table, np.arange(first, self.done + 1), texts, [], self.done / self.total)
-
-
-def _is_time(kind: Any) -> bool:
-    tests = (pa.types.is_timestamp, pa.types.is_date, pa.types.is_integer, pa.types.is_floating)
-    return any(test(kind) for test in tests)
 
 
 def _plain(array: pa.Array) -> pa.Array:

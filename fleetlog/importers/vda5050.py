@@ -8,18 +8,15 @@ A line may be the message itself, the message behind its MQTT topic (``mosquitto
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from fleetlog.core.words import count
-from fleetlog.importers._open import ReadReport, open_bytes
-from fleetlog.importers._rows import NAN, Rows, finite, gather
+from fleetlog.importers._rows import NAN, Records, finite
 from fleetlog.importers._times import iso_time
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.importers.base import LOCAL, Importer, ReadOptions
 
 Message = dict[str, Any]
-LINE_LIMIT = 1 << 22
 MOST = 1e300  # A sum of weights beyond what a float holds is far beyond any load, and refused as that
 # without quotation marks: a wrapped payload may be a string, with its marks escaped
 _MARKS = (b"serialNumber", b"agvPosition", b"mobileRobotPosition", b"batteryState", b"powerSupply")
@@ -42,35 +39,30 @@ def sniff(path: Path, head: bytes) -> bool:
     return sum(m in first for m in _MARKS) >= (1 if b"/state" in first[:200] else 2)
 
 
-def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
-    """Positions as rows; the batteries, which come at their own times, as a channel."""
-    stream, raw = open_bytes(path, options.report)
-    reader = _Reader(options.vehicle, lambda: raw.share)
-    tables = reader.positions, reader.batteries
-    with stream:
-        yield from gather(iter(lambda: stream.readline(LINE_LIMIT), b""), reader.line, *tables)
-    if not reader.positions.total:
-        raise options.report.nothing(reader.nothing(), "record the topics state and visualization")
-    reader.describe(options.report)
-    for rows in tables:
-        yield from rows.drain()
+class _Vda(Records):
+    """Positions as rows; the batteries, which come at their own times, as a channel.
 
+    Keeps every vehicle's last load, which visualization does not repeat.
+    """
 
-class _Reader:
-    """Messages to rows; keeps every vehicle's last load, which visualization does not repeat."""
+    places, longest = (LOCAL, ()), 1 << 22
+    recognised: ClassVar = {
+        "agvPosition / mobileRobotPosition": "x, y from m, heading from rad",
+        "velocity": "speed, the length of vx, vy",
+        "loads": "payload, the sum of the weights in kg",
+        "batteryState / powerSupply": "soc from %, voltage, current (its sign from charging)",
+        "manufacturer, serialNumber": "vehicle_id",
+    }
 
-    def __init__(self, vehicle: str | None, share: Any) -> None:
-        self.positions = Rows("x", "y", share=share)
-        self.batteries = Rows(share=share)
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        super().__init__(path, options)
         self.others: Counter[str] = Counter()
         self.versions: Counter[str] = Counter()
         self.facts: dict[str, str] = {}  # What the factsheet of each vehicle says
         self.connections: Counter[str] = Counter()
-        self._vehicle = vehicle
         self._payload: dict[str, float] = {}
 
-    def line(self, line: bytes, number: int) -> None:
-        """One line of the log."""
+    def take(self, line: bytes, number: int) -> None:
         if not line.strip():
             return
         try:
@@ -78,7 +70,7 @@ class _Reader:
         except (ValueError, RecursionError):
             cut = "" if line.endswith(b"\n") else ", cut off by the end of the file"
             text = line[:400].decode("utf-8", "replace")
-            self.positions.reject(number, f"the line is no JSON object{cut}", text)
+            self.rows.reject(number, f"the line is no JSON object{cut}", text)
             return
         position = _first(message, "agvPosition", "mobileRobotPosition")
         battery = _first(message, "batteryState", "powerSupply")
@@ -89,7 +81,7 @@ class _Reader:
         try:
             time = iso_time(str(message["timestamp"]))
         except (KeyError, ValueError):
-            self.positions.reject(number, "no timestamp in ISO 8601", str(message.get("timestamp")))
+            self.rows.reject(number, "no timestamp in ISO 8601", str(message.get("timestamp")))
             return
         vehicle = self._name(message)
         if isinstance(message.get("loads"), list):
@@ -97,7 +89,7 @@ class _Reader:
         if position is not None:
             self._position(message, position, vehicle, time, number)
         if battery is not None and (charge := _battery(battery)):
-            self.batteries.add(vehicle, time, number, charge)
+            self.tables[1].add(vehicle, time, number, charge)
 
     def _other(self, message: Message) -> None:
         """A message without motion: the state of a connection, a factsheet, an order."""
@@ -110,39 +102,32 @@ class _Reader:
 
     def _name(self, message: Message) -> str:
         names = (str(message[k]) for k in ("manufacturer", "serialNumber") if message.get(k))
-        return self._vehicle or "/".join(names) or "agv"
+        return self.options.vehicle or "/".join(names) or "agv"
 
     def _position(self, message: Message, position: Message, vehicle: str, time: int, number: int) -> None:
         values = _pose(position, message.get("velocity"))
         if position.get("positionInitialized") is False or position.get("localized") is False:
-            self.positions.reject(number, "the vehicle is not localised", position)
+            self.rows.reject(number, "the vehicle is not localised", position)
         else:
             values["payload"] = self._payload.get(vehicle, NAN)
-            values |= _labels(message, position) | _quality(position)
-            self.positions.add(vehicle, time, number, values, position)
+            values |= _said(message, position)
+            self.rows.add(vehicle, time, number, values, position)
 
-    def nothing(self) -> str:
-        """What the log holds instead of positions."""
-        bad = f", {count(self.positions.rejected, 'line')} rejected" if self.positions.rejected else ""
-        return f"no message with a position (other messages: {_counts(self.others) or 'none'}{bad})"
+    def nothing(self) -> tuple[str, str]:
+        bad = f", {count(self.rows.rejected, 'line')} rejected" if self.rows.rejected else ""
+        what = f"no message with a position (other messages: {_counts(self.others) or 'none'}{bad})"
+        return what, "record the topics state and visualization"
 
-    def describe(self, report: ReadReport) -> None:
-        """Say what was read and left out."""
-        report.recognised |= {
-            "agvPosition / mobileRobotPosition": "x, y from m, heading from rad",
-            "velocity": "speed, the length of vx, vy",
-            "loads": "payload, the sum of the weights in kg",
-            "batteryState / powerSupply": "soc from %, voltage, current (its sign from charging)",
-            "manufacturer, serialNumber": "vehicle_id",
-        }
+    def describe(self) -> None:
+        super().describe()
         versions = (f"{v} ({n} messages)" for v, n in self.versions.most_common(5))
-        report.note(f"VDA 5050 version {', '.join(versions)}")
+        self.report.note(f"VDA 5050 version {', '.join(versions)}")
         for vehicle, facts in list(self.facts.items())[:5]:
-            report.note(f"factsheet of {vehicle}: {facts}")
+            self.report.note(f"factsheet of {vehicle}: {facts}")
         if self.connections:
-            report.note(f"connections: {_counts(self.connections, 5)}")
+            self.report.note(f"connections: {_counts(self.connections, 5)}")
         if self.others:
-            report.note(f"left out: {_counts(self.others)}")
+            self.report.note(f"left out: {_counts(self.others)}")
 
 
 def _counts(kinds: Counter[str], most: int | None = None) -> str:
@@ -177,18 +162,15 @@ def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
     return values
 
 
-def _labels(message: Message, position: dict[str, Any]) -> dict[str, str]:
-    given = {
+def _said(message: Message, position: dict[str, Any]) -> dict[str, Any]:
+    """Map, order, mode; how well the vehicle knows where it is: a score from 0 to 1, a deviation [m]."""
+    texts = {
         "map_id": position.get("mapId"), "order_id": message.get("orderId"),
         "operating_mode": message.get("operatingMode"),
     }  # fmt: skip
-    return {name: value for name, value in given.items() if isinstance(value, str) and value}
-
-
-def _quality(position: dict[str, Any]) -> dict[str, float]:
-    """How well the vehicle knows where it is: a score from 0 to 1, a deviation [m]."""
     pairs = (("localization_score", "localizationScore"), ("deviation_range", "deviationRange"))
-    return {name: value for name, key in pairs if (value := finite(position.get(key))) == value}
+    known = {name: value for name, key in pairs if (value := finite(position.get(key))) == value}
+    return {name: text for name, text in texts.items() if isinstance(text, str) and text} | known
 
 
 def _facts(message: Message) -> str:
@@ -216,4 +198,4 @@ def _battery(battery: dict[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in values.items() if v == v}
 
 
-IMPORTER = Importer("vda5050", (".jsonl", ".ndjson", ".json", ".log"), sniff, read, rank=3)
+IMPORTER = Importer("vda5050", (".jsonl", ".ndjson", ".json", ".log"), sniff, _Vda.batches, rank=3)

@@ -71,7 +71,7 @@ def test_sumo_drives_on_it_and_is_read_back(make_dataset, tmp_path: Path) -> Non
               for s in ET.parse(fcd).iter("timestep") for v in s.iter("vehicle")]  # fmt: skip
     assert {w[1] for w in wanted} == {"v", "w"}
     rows = []
-    for b in sumo_fcd.read(fcd, ReadOptions(ReadReport(fcd))):
+    for b in sumo_fcd.IMPORTER.read(fcd, ReadOptions(ReadReport(fcd))):
         names = b.vehicle.strings()
         rows += zip(
             (b.time / 1e6).tolist(), names, *(b.columns[c].tolist() for c in ("x", "y", "speed")), strict=True
