@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fleetlog.errors import FormatError, InputError, nearest
-from fleetlog.importers._csv_blocks import Block, blocks, cells_of, guess_encoding, rows_of
-from fleetlog.importers._csv_table import TableReader
+from fleetlog.importers._csv_table import Block, TableReader, blocks, cells_of, guess_encoding, rows_of
 from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._open import ReadReport, head_of
 from fleetlog.importers._profile import Profile

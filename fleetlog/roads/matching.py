@@ -23,8 +23,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads import grouping
 from fleetlog.roads.candidates import Prepared, prepare
-from fleetlog.roads.kernels.costs import emission_costs
-from fleetlog.roads.kernels.decoding import decode, scratch
+from fleetlog.roads.kernels.decoding import decode, emission_costs, scratch
 from fleetlog.roads.kernels.placing import place_points
 from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Groups, Noise, Placed, Track
 from fleetlog.roads.kernels.routes import build_routes, route_posterior

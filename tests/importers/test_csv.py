@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError, InputError
-from fleetlog.importers import _csv_blocks
+from fleetlog.importers import _csv_table
 from fleetlog.importers._csv_clock import one_angle
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile, profile_from_dict
@@ -163,7 +163,7 @@ def test_blocks_change_nothing(tmp_path: Path, size: int, monkeypatch: pytest.Mo
     path = tmp_path / "a.csv"
     path.write_text(HEADER + rows(50))
     whole, _ = read(path)
-    monkeypatch.setattr(_csv_blocks.blocks, "__defaults__", (size,))
+    monkeypatch.setattr(_csv_table, "SIZE", size)
     pieces, _ = read(path)
     assert len(pieces) > 1
     for name in ("x", "y", "speed"):
@@ -188,7 +188,7 @@ def test_no_block_tears_a_quoted_cell(tmp_path: Path, size: int, monkeypatch: py
         "vehicle_id,timestamp,x,y,note\n"
         + "".join(f"A,2026-03-02T05:00:{i:02d}Z,{i},2,{notes[i % 5]}\n" for i in range(60))
     )
-    monkeypatch.setattr(_csv_blocks.blocks, "__defaults__", (size,))
+    monkeypatch.setattr(_csv_table, "SIZE", size)
     batches, report = read(path)
     assert len(batches) > 5 and not report.damage and not any(b.rejects for b in batches)
     with path.open(newline="") as stream:
@@ -201,8 +201,8 @@ def test_no_block_tears_a_quoted_cell(tmp_path: Path, size: int, monkeypatch: py
 def test_a_quote_that_never_closes_holds_no_block_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.csv"
     path.write_text(HEADER + rows(5) + rows(400, 5).replace(",", ',"', 1))
-    monkeypatch.setattr(_csv_blocks.blocks, "__defaults__", (400,))
-    monkeypatch.setattr(_csv_blocks, "TORN", 200)
+    monkeypatch.setattr(_csv_table, "SIZE", 400)
+    monkeypatch.setattr(_csv_table, "TORN", 200)
     batches, _ = read(path)
     assert sum(len(b) + len(b.rejects) for b in batches) == 405
     assert len(batches) > 20
@@ -343,7 +343,7 @@ def test_other_files_are_not_taken(tmp_path: Path, content: bytes) -> None:
 
 
 def test_a_column_that_is_blank_at_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_csv_blocks.blocks, "__defaults__", (200,))
+    monkeypatch.setattr(_csv_table, "SIZE", 200)
     lines = [
         f"A,2026-03-02T05:00:{i:02d}Z,1,2,{i if i > 20 else ''},{'ab'[i % 2] if i > 30 else ''},"
         for i in range(50)
