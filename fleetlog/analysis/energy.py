@@ -48,7 +48,7 @@ def energy(
     if not dataset.rows:
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
-    battery = battery_of(physics.actual_truck(), chemistry)
+    battery = battery_of(physics.actual_truck, chemistry)
     asked = physics, battery, _sources(physics)
     days = each_day(dataset, _vehicle_day, *asked, kinds=(Book,), cost=ROW_COST)
     books = [book for day in days for book in day]

@@ -116,7 +116,7 @@ def _split(fleet: Fleet, holdout: Kind, settings: Settings, seed: int) -> Split:
 
 
 def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault]) -> Verdict:
-    findings = [of_fault(f) for f in faults]
+    findings = [of_fault(f, fleet.vehicles) for f in faults]
     for e in explained.values():
         # What one channel has explained is not told again of the next.
         told = [(f.term, f.scope) for f in findings]
@@ -125,7 +125,7 @@ def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault])
     once = any(e.problem.split.once for e in explained.values())
     unexplained = [n for n, e in explained.items() if e.unexplained]
     adjustments = [a for e in explained.values() for a in e.adjustments]
-    notes = absences(fleet, once) + [n for e in explained.values() for n in e.problem.channel.notes()]
+    notes = absences(fleet, once) + [n for e in explained.values() for n in e.problem.channel.notes]
     return Verdict([e.fit for e in explained.values()], order, adjustments, unexplained, notes)
 
 

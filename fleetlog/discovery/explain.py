@@ -147,7 +147,7 @@ def _finding(
     parameters: list[Parameter], own: Errors,
 ) -> Finding:  # fmt: skip
     channel, term = problem.channel, h.physics
-    scope = words.scope(h.scope, channel.vehicles)
+    scope = words.scope(h.scope, channel.fleet.vehicles)
     rivals = _open(found, h)
     text = (
         words.unknown(h.depends_on, where)
@@ -227,6 +227,6 @@ def _adjustment(channel: Channel, knob: Knob, n: Parameter) -> dict[str, Any]:
     """As the contract writes it."""
     return {
         "name": f"{knob.term}.{knob.parameter}",
-        "vehicle": None if knob.scope.one is None else channel.vehicles[knob.scope.one],
+        "vehicle": None if knob.scope.one is None else channel.fleet.vehicles[knob.scope.one],
         "value": n.value, "low": n.low, "high": n.high, "unit": n.unit,
     }  # fmt: skip

@@ -116,12 +116,9 @@ class Physics:
         neutral = float(np.asarray(values.get(first.name, first.nominal(self.truck))))
         return {**values, first.name: self.fields[term.name].along(motion, neutral)}
 
+    @cached_property
     def actual_truck(self) -> Truck:
         """The truck with every value that a term replaces."""
-        return self._actual_truck
-
-    @cached_property
-    def _actual_truck(self) -> Truck:
         keys = [
             (term.by_name[name].truck_key, float(value))
             for term in self.active()
@@ -148,7 +145,7 @@ def _with_values(truck: Truck, values: tuple[tuple[str, float], ...]) -> Truck:
 
 def term_forces(motion: Motion, physics: Physics) -> dict[str, Floats]:
     """Force at the wheel by term, (N,) newtons each, > 0 resisting."""
-    return _evaluate(motion, physics, "force")
+    return evaluated(motion, physics, "force")
 
 
 def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = None) -> dict[str, Floats]:
@@ -157,17 +154,12 @@ def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = 
     if physics.own:
         return _over_phases(motion, physics, lambda p: ledger(motion, p))
     forces = term_forces(motion, physics) if forces is None else forces
-    powers = _evaluate(motion, physics, "power")
-    drive = physics.actual_truck().drive
+    powers = evaluated(motion, physics, "power")
+    drive = physics.actual_truck.drive
     total = sum(forces.values(), np.zeros(len(motion)))
     conversion = np.where(total >= 0.0, 1.0 / drive.efficiency, drive.regeneration) * motion.speed
-    driven = drive_powers(motion, physics, total)
+    driven = evaluated(motion, physics, "drive", {"force": total})
     return {**{n: f * conversion for n, f in forces.items()}, **powers, **driven}
-
-
-def drive_powers(motion: Motion, physics: Physics, force: Floats) -> dict[str, Floats]:
-    """Power by each term that goes by the total ``force`` at the wheel [N], (N,) watts each."""
-    return _evaluate(motion, physics, "drive", {"force": force})
 
 
 def _over_phases(
@@ -181,12 +173,13 @@ def _over_phases(
     return total
 
 
-def _evaluate(
+def evaluated(
     motion: Motion, physics: Physics, acts: str, given: Values = MappingProxyType({})
 ) -> dict[str, Floats]:
+    """What the functions of all terms that act so return, (N,) each, ``given`` further values."""
     if physics.own:
-        return _over_phases(motion, physics, lambda p: _evaluate(motion, p, acts, given))
-    truck, motion = physics.actual_truck(), physics.actual_motion(motion)
+        return _over_phases(motion, physics, lambda p: evaluated(motion, p, acts, given))
+    truck, motion = physics.actual_truck, physics.actual_motion(motion)
     return {
         t.name: t.function(motion, truck, {**physics.values_along(t, motion), **given})
         for t in physics.active()
@@ -202,7 +195,7 @@ def battery_power(motion: Motion, physics: Physics) -> Floats:
 def allowed_speed(motion: Motion, physics: Physics) -> Floats:
     """(N,) highest speed [m/s] where ``motion.speed`` is what road and truck allow;
     the lowest of all terms of speed."""
-    return np.asarray(np.min([motion.speed, *_evaluate(motion, physics.fleet, "speed").values()], axis=0))
+    return np.asarray(np.min([motion.speed, *evaluated(motion, physics.fleet, "speed").values()], axis=0))
 
 
 def cell_power(terminal: Floats, truck: Truck) -> Floats:

@@ -41,7 +41,7 @@ def run_cycle(
         return np.asarray(whole * energy[-1] + np.interp(time - whole * period, ends, energy))
 
     mean = (used(at + every) - used(at)) / every
-    change = soc_change(mean, np.full(len(at), every), physics.actual_truck())
+    change = soc_change(mean, np.full(len(at), every), physics.actual_truck)
     columns = rounded({
         "x": x, "heading": np.where(back, np.pi, 0.0), "speed": one.speed[k], "battery_power": mean,
         "edge_offset": np.where(back, 30.0 - x, x),

@@ -145,7 +145,7 @@ class Run:
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
         self.meter = Meter(world, settings)
         self.recorder = Recorder(writer, names, world, settings, self.steps, self.total)
-        self.limits = limits_of([p.actual_truck() for p in world.physics], trucks.of, length, GAP)
+        self.limits = limits_of([p.actual_truck for p in world.physics], trucks.of, length, GAP)
         self.groups = list(trucks.alike(TOGETHER))
         self.soc_lowest, self.soc_sum, self.waiting = settings.soc, 0.0, 0.0
 

@@ -202,7 +202,7 @@ def _driven(
     table = (gates[c].to_numpy(np.int64) for c in ("at", "truck", "node", "meeting", "side"))
     closed = Gates._make([np.searchsorted(gates.owner, trucks), *table])
     first_trip = np.searchsorted([u for u, _ in trips], trucks)
-    limits = [r.physics.actual_truck().drive for r in replays]
+    limits = [r.physics.actual_truck.drive for r in replays]
     up, down = (np.array([getattr(d, f"max_{c}") for d in limits]) for c in ("acceleration", "deceleration"))
     state = new_state(first_trip, drives, closed)
     log = meet(first_trip, drives, closed, state, up, down)

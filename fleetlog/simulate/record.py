@@ -102,7 +102,7 @@ class Meter:
         """The charge at the start of each step; by a battery's chemistry also voltage [V] and current [A]."""
         if self.battery is not None:
             return self._chemistry(power, self.battery, which)
-        truck: Truck = self.physics[self.of[which.start]].actual_truck()
+        truck: Truck = self.physics[self.of[which.start]].actual_truck
         soc = np.zeros((len(power), power.shape[1] + 1))
         np.cumsum(cell_power(power, truck), axis=1, out=soc[:, 1:])
         soc *= -self.dt / (3600.0 * truck.battery.capacity_wh)

@@ -108,7 +108,7 @@ class VehicleReplay:
     def free_flow(self, leg: Leg) -> SpeedProfile:
         """Speeds on a leg; into a bay and out of it a truck creeps."""
         limit, off = speed_limits(self.site, leg.path), leg.path.edge < 0
-        slow = np.minimum(limit, creep_speed(self.physics.actual_truck()))
+        slow = np.minimum(limit, creep_speed(self.physics.actual_truck))
         limit = np.where(off & (not off.all()), slow, limit)
         return free_flow(leg, self.physics.at(leg.path.time[0]), limit)
 
@@ -153,7 +153,7 @@ class VehicleReplay:
         # What a standing truck is charged with is taken over as recorded.
         charging = motion.power < CHARGING
         power = np.where(charging & (motion.speed == 0.0), motion.power, power)
-        truck = self.physics.at(fine[0]).actual_truck()
+        truck = self.physics.at(fine[0]).actual_truck
         cell = cell_power(power, truck).reshape(-1, steps).mean(axis=1)
         used = np.cumsum(cell) * self.interval / (3600.0 * truck.battery.capacity_wh)
         soc = np.clip(self.soc - np.concatenate([[0.0], used[:-1]]), 0.0, 1.0)

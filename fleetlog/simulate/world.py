@@ -57,7 +57,7 @@ def build_world(
     trucks = Trucks.given(trucks, vehicles) if isinstance(trucks, Truck) else trucks
     truck = trucks.envelope
     own = [replace((physics or Physics(truck)).fleet, truck=kind) for kind in trucks.kinds]
-    fastest = max((p.actual_truck().drive for p in own), key=lambda d: d.max_speed * d.speed_factor)
+    fastest = max((p.actual_truck.drive for p in own), key=lambda d: d.max_speed * d.speed_factor)
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
     maker = BayMaker(track, junctions, truck, 1.0 if site.traffic == "left" else -1.0, stands)
@@ -102,7 +102,7 @@ def caps(site: Site, track: Track, physics: Physics) -> Floats:
     """
     from fleetlog.simulate.kernels.geometry import brake_ahead
 
-    truck = physics.actual_truck()
+    truck = physics.actual_truck
     allowed = np.minimum(speed_limits(site, track) * truck.drive.speed_factor, truck.drive.max_speed)
     creep = np.where(track.swings[track.owner], creep_speed(truck), np.inf)
     out = np.empty((2, len(track.x)))
@@ -119,7 +119,7 @@ def caps(site: Site, track: Track, physics: Physics) -> Floats:
 def run_in(cap: Floats, track: Track, physics: list[Physics]) -> Floats:
     """(E,) metres in which any truck that comes onto a lane can stop."""
     enter = cap[:, track.first[: len(track.network)]].reshape(len(physics), 2, -1).min(axis=1)
-    brake = PLAN * np.array([p.actual_truck().drive.max_deceleration for p in physics])[:, None]
+    brake = PLAN * np.array([p.actual_truck.drive.max_deceleration for p in physics])[:, None]
     return np.asarray((enter * enter / (2.0 * brake) + 0.6 * enter).max(axis=0))
 
 

@@ -50,14 +50,14 @@ def table(problem: Problem) -> Table:
     channel = problem.channel
     parts = []
     for unit in channel.units():
-        (block, c), use = unit.own, unit.whole
-        m = block.motion
-        total = np.maximum(c.energy(block, np.ones(len(m))), 1e-9)
+        c, use = unit.own, unit.whole
+        m = c.motion
+        total = np.maximum(c.energy(np.ones(len(m))), 1e-9)
         variables = (m.speed, m.acceleration, m.payload / 1e3, np.abs(m.curvature) * 10.0, np.cos(m.heading), np.sin(m.heading),
                      np.nan_to_num(m.ambient_temperature) / 10.0, m.x / 100.0, m.y / 100.0, np.maximum(m.lift_speed, 0.0))  # fmt: skip
         seconds = np.maximum(unit.windows.duration, 1e-6)
         columns = (
-            np.stack([c.energy(block, v) / total for v in variables], axis=1),
+            np.stack([c.energy(v) / total for v in variables], axis=1),
             1e3 * channel.predict(unit, channel.base) / seconds, 1e3 * unit.recorded / seconds, seconds, unit.windows.trip,
             problem.split.fold(unit.windows),
         )  # fmt: skip

@@ -111,10 +111,10 @@ def test_reported_errors_are_those_of_the_model_that_is_written(
     assert isinstance(channel, EnergyChannel)
     off, size, modelled = 0.0, 0.0, {}
     for unit in problem.held_out():
-        block, cut = unit.own
+        block = unit.own.block
         own = written.of(found.fleet.vehicles[block.vehicle], block.time[0])
         power = battery_power(block.motion, own)
-        left = (unit.recorded - cut.energy(block, power))[unit.whole]
+        left = (unit.recorded - unit.own.energy(power))[unit.whole]
         off, size = off + float(left @ left), size + float((unit.recorded[unit.whole] ** 2).sum())
         of_trip = np.bincount(block.trip[block.row] % TRIP, power * block.motion.dt) / 3.6e6
         modelled |= {

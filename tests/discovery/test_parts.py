@@ -76,7 +76,7 @@ def test_windows_keep_the_energy_and_never_straddle_a_trip() -> None:
     b = block(drive(), 0, None, TRUCK)
     c = cut(b, 10.0)
     power = battery_power(b.motion, Physics(TRUCK))
-    assert c.energy(b, power).sum() == pytest.approx((power * b.motion.dt).sum() * 1e-3)
+    assert c.energy(power).sum() == pytest.approx((power * b.motion.dt).sum() * 1e-3)
     for w in range(c.count):
         assert len(np.unique(b.trip[c.of_row == w])) == 1
 

@@ -64,7 +64,7 @@ def keep_book(
 ) -> Book:
     """The sums of some trips of one vehicle from the motion ``found`` in them."""
     fine, dt, measured = found.motion, found.dt_row, measured_power(trajectory)
-    truck, metres, nothing = physics.actual_truck(), fine.speed * fine.dt, np.zeros(len(dt))
+    truck, metres, nothing = physics.actual_truck, fine.speed * fine.dt, np.zeros(len(dt))
     known = np.isfinite(measured)
     forces = term_forces(fine, physics)
     pieces = {name: watts * fine.dt for name, watts in ledger(fine, physics, forces).items()}

@@ -81,7 +81,7 @@ def _variance(total: pd.DataFrame, physics: Physics) -> pd.Series:
 
         dE/d ln(efficiency) = -E_traction    dE/d ln(regeneration) = E_braking    dE/d ln(rolling) = E_rolling
     """
-    truck = physics.actual_truck()
+    truck = physics.actual_truck
     spread = relative_spreads(truck, physics)
     none, raising = pd.Series(0.0, index=total.index), total["raising"]
     load = total["kilogram_metres"] / total["metres"].where(total["metres"] > 0.0)

@@ -1,7 +1,7 @@
 """What the search needs of a channel, energy over windows or time over stretches, and what both do alike."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,12 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.lost import Lost
 from fleetlog.discovery.hypotheses.cells import Cells
-from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, FreeCurve, Source, knots_of
-from fleetlog.discovery.model import Knob, Model
+from fleetlog.discovery.hypotheses.sources import (
+    ErrorSource,
+    FieldSource,
+    FreeCurve,
+    KnobSource,
+    Source,
+    knots_of,
+)
+from fleetlog.discovery.model import Knob, Model, Scope
 from fleetlog.discovery.recording.blocks import Windows, picked, stacked
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import Split
@@ -32,9 +37,10 @@ CODES = ("vehicle_id", "day", "trip_id", "heading")
 class Unit:
     """Windows that are computed together, with the recorded quantity of each and which of them can be used.
 
-    ``own`` is the channel's; ``noise`` (W,) the variance that the uncertainty of the motion leaves to any
-    model; ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter about it,
-    above zero: noise grows with both.
+    ``own`` is the channel's: a ``motion`` (n,), the window ``of`` each of its samples, and how to take a
+    ``part`` or to put several ``joined``; ``noise`` (W,) the variance that the uncertainty of the motion
+    leaves to any model; ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter
+    about it, above zero: noise grows with both.
     """
 
     windows: Windows
@@ -50,9 +56,10 @@ class Unit:
         """Tells it from all others of the channel."""
         return int(self.windows.vehicle[0]), float(self.windows.time[0])
 
-    def part(self, keep: Mask, own: Any) -> "Unit":
-        """Return some of the windows, (W,), with the channel's ``own`` of these."""
-        return Unit(**picked(self, keep, "own"), own=own)
+    def part(self, keep: Mask) -> "Unit":
+        """Return some of the windows, (W,), which are all of some trips."""
+        mine, own = self.own.part(keep)
+        return Unit(**picked(self, mine, "own"), own=own)
 
 
 @dataclass
@@ -65,42 +72,40 @@ class Channel(ABC):
     name: str
     fleet: Fleet
     base: Model
+    metric: str = field(default="", init=False)  # What the error is
     model_error: float = field(default=0.0, init=False)
     """Share of a window's quantity that any model may miss."""
     place_error: float = field(default=0.0, init=False)  # The same share at some places, where it gathers
+    steady: bool = field(default=True, init=False)
+    """Whether the model's own error is alike in all trucks and hours."""
+    by_place: bool = field(default=True, init=False)  # Whether free power (or time) by place can be told
+    errors: list[ErrorSource] = field(default_factory=list, init=False)  # What sampling hides
+    notes: list[str] = field(default_factory=list, init=False)
+    """What a reader should know of what the recording hides from the channel."""
     _kept: list[Unit] = field(default_factory=list, init=False)
     _passes: dict[str, Ints] = field(default_factory=dict, init=False)
-
-    @property
-    @abstractmethod
-    def metric(self) -> str:
-        """What the error is."""
 
     @abstractmethod
     def units(self) -> Iterator[Unit]:
         """Yield the recording, piece by piece."""
 
     @abstractmethod
+    def about(self, own: Any, model: Model) -> "About":
+        """Return what a model says of a unit's own, and columns about it."""
+
     def predict(self, unit: Unit, model: Model) -> Floats:
         """Return what a model says, (W,)."""
+        return self.about(unit.own, model).modelled
 
-    @abstractmethod
     def columns(self, unit: Unit, model: Model, sources: Sequence[Source]) -> tuple[Floats, Columns]:
-        """Return what the model says, (W,), and the columns of the sources about it, (W, P)."""
+        """Return what the model says, (W,), and the columns of the sources about it, (W, P): change per unit
+        of each coefficient."""
+        about = self.about(unit.own, model)
+        return about.modelled, about.columns(sources)
 
     @abstractmethod
     def cells(self, term: Term | None) -> Cells:
         """Return the cells of a field term, or of places (None)."""
-
-    @property
-    def steady(self) -> bool:
-        """Whether the model's own error is alike in all trucks and hours."""
-        return True
-
-    @property
-    def by_place(self) -> bool:
-        """Whether free power (or time) by place can be told."""
-        return True
 
     @abstractmethod
     def terms(self) -> list[Term]:
@@ -110,17 +115,9 @@ class Channel(ABC):
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
 
-    @abstractmethod
-    def errors(self) -> list[ErrorSource]:
-        """Return what sampling hides."""
-
-    def notes(self) -> list[str]:
-        """Return what a reader should know of what the recording hides from the channel."""
-        return []
-
-    @abstractmethod
     def lost(self, model: Model) -> Lost | None:
         """Return what other vehicles cost beyond a model; None where the channel cannot see that."""
+        return None
 
     @abstractmethod
     def features(self, unit: Unit, model: Model) -> Floats:
@@ -129,28 +126,6 @@ class Channel(ABC):
     @abstractmethod
     def state(self, own: Any) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, from a unit's own."""
-
-    @abstractmethod
-    def samples(self, unit: Unit) -> tuple[Motion, Ints]:
-        """Return the motion of a unit, and the window of each of its samples."""
-
-    @abstractmethod
-    def part(self, unit: Unit, keep: Mask) -> Unit:
-        """Return some of the windows of a unit, (W,), which are all of some trips."""
-
-    @abstractmethod
-    def joined(self, own: list[Any]) -> Any:
-        """Return the own of several units of one vehicle as that of one."""
-
-    @property
-    def truck(self) -> Truck:
-        """The nominal truck."""
-        return self.fleet.truck
-
-    @property
-    def vehicles(self) -> tuple[str, ...]:
-        """Names by code."""
-        return self.fleet.vehicles
 
     def width(self, source: Source) -> int:
         """Return the number of columns of a source."""
@@ -162,7 +137,7 @@ class Channel(ABC):
         """Return the channel with such a share of what is held out together, evenly drawn."""
         by_vehicle: dict[int, list[Unit]] = {}
         for unit in self.units():
-            part = self.part(unit, split.drawn(unit.windows, share))
+            part = unit.part(split.drawn(unit.windows, share))
             if len(part.windows):
                 by_vehicle.setdefault(int(part.windows.vehicle[0]), []).append(part)
         drawn = copy(self)
@@ -172,7 +147,8 @@ class Channel(ABC):
     def _joined(self, parts: list[Unit]) -> Unit:
         """Several units of one vehicle as one: a few long arrays cost less than many short ones."""
         windows = Windows(**stacked([p.windows for p in parts]))
-        return Unit(windows, **stacked(parts, "windows", "own"), own=self.joined([p.own for p in parts]))
+        own = parts[0].own.joined([p.own for p in parts])
+        return Unit(windows, **stacked(parts, "windows", "own"), own=own)
 
     def adjustable(self) -> list[Knob]:
         """Return every knob with a tolerance: the fleet's that may be a little off."""
@@ -180,7 +156,7 @@ class Channel(ABC):
             Knob(t.name, p.name)
             for t in self.terms()
             for p in t.parameters
-            if p.allowance(self.truck) > 0.0 and not p.shape
+            if p.allowance(self.fleet.truck) > 0.0 and not p.shape
         ]
 
     @cached_property
@@ -200,15 +176,55 @@ class Channel(ABC):
             cells = self.cells(term)
             size = cells.size
             total = np.zeros(size, np.int64)
-            for motion, window in map(self.samples, self.units()):
-                for number, _ in cells.parts(motion):
-                    pairs = np.unique(window[number >= 0] * size + number[number >= 0])
+            for own in (unit.own for unit in self.units()):
+                for number, _ in cells.parts(own.motion):
+                    pairs = np.unique(own.of[number >= 0] * size + number[number >= 0])
                     total += np.bincount(pairs % size, minlength=size)
             self._passes[term.name] = total
         return self._passes[term.name]
 
 
-def side_by_side(sources: Sequence[Source], *makers: Callable[[Any], Floats]) -> Columns:
-    """Return the columns of sources, (W, P); ``makers`` of each kind, in the order of ``Source``."""
-    of = dict(zip(get_args(Source), makers, strict=True))
-    return np.concatenate([of[type(s)](s) for s in sources], axis=1).astype(np.float32)
+@dataclass
+class About(ABC):
+    """What a model says of a unit's own, and columns about it."""
+
+    channel: Channel
+    own: Any
+    model: Model
+
+    @property
+    @abstractmethod
+    def modelled(self) -> Floats:
+        """What the model says, (W,)."""
+
+    @cached_property
+    def vehicle(self) -> int:
+        """Code of the one vehicle."""
+        return int(self.own.motion.vehicle[0])
+
+    @cached_property
+    def state(self) -> dict[str, Floats]:
+        """The recorded variables that a mismatch may follow."""
+        return self.channel.state(self.own)
+
+    def columns(self, sources: Sequence[Source]) -> Columns:
+        """Return the columns of sources, (W, P)."""
+        makers = (self._knob, self._field, self._curve, self._error)
+        of: dict[Any, Any] = dict(zip(get_args(Source), makers, strict=True))
+        return np.concatenate([of[type(s)](s) for s in sources], axis=1).astype(np.float32)
+
+    @abstractmethod
+    def _knob(self, source: KnobSource) -> Floats: ...
+
+    @abstractmethod
+    def _field(self, source: FieldSource) -> Floats: ...
+
+    @abstractmethod
+    def _curve(self, curve: FreeCurve) -> Floats: ...
+
+    @abstractmethod
+    def _error(self, source: ErrorSource) -> Floats: ...
+
+    def _shared(self, scope: Scope, change: Floats) -> Floats:
+        """A change along the motion, (n,), as far as a scope holds."""
+        return change if scope.whole else change * scope.share(self.vehicle, self.own.motion.time)

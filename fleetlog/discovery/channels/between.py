@@ -52,7 +52,7 @@ def learn(
 
     ``motion`` is the same channel that looks at no recorded power; rows miss the energy by ``hidden`` of it.
     """
-    curves = power_curves(channel.knots, len(channel.vehicles))
+    curves = power_curves(channel.knots, len(channel.fleet.vehicles))
     found = []
     for unit, use in units:
         told, columns = motion.columns(unit, channel.base, curves)

@@ -7,7 +7,7 @@ import numpy as np
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.between import DILUTED
 from fleetlog.discovery.channels.energy import EnergyChannel
-from fleetlog.discovery.channels.travel import travel_channel
+from fleetlog.discovery.channels.travel import TravelChannel
 from fleetlog.discovery.hypotheses.cells import Cells, make_squares, make_stretches
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import Fleet
@@ -33,7 +33,7 @@ def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:
 def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: Split) -> Channel:
     """Return one channel."""
     if name == "speed":
-        return travel_channel(fleet, base, settings, split)
+        return TravelChannel(name, fleet, base, split, settings)
     measured = name == "soc" and fleet.has("battery_power")
     step = _charge_step(fleet) if name == "soc" else 0.0
     window = _window(fleet, name, settings, step)

@@ -1,19 +1,18 @@
 """The energy channels: what battery power or the state of charge adds up to over some ten seconds."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.core.motion import Motion
-from fleetlog.discovery.channels.base import Channel, Columns, Unit
+from fleetlog.core.arrays import Floats, Mask
+from fleetlog.discovery.channels.base import Channel, Unit
 from fleetlog.discovery.channels.between import DILUTED, Between, learn
-from fleetlog.discovery.channels.energy_columns import About, Evaluation, jumps
+from fleetlog.discovery.channels.energy_columns import EnergyAbout, Evaluation, jumps
 from fleetlog.discovery.hypotheses.cells import Cells, Stretches
-from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, Source, charge_curves, energy_curves
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, charge_curves, energy_curves
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.blocks import Block, Cut, cut, describe, joined
+from fleetlog.discovery.recording.blocks import Block, Cut, cut
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.battery import CHARGING
@@ -44,13 +43,13 @@ class EnergyChannel(Channel):
     places: Cells | None
     measured: bool = False
     charge_step: float = 0.0  # Step in which the state of charge is logged
-    hunted: tuple[int, ...] = ()  # Roads on which power swings within rows in a way of their own
     between: Between | None = None  # What recorded power lacks between rows
 
-    @property
-    def metric(self) -> str:
-        """What the error is."""
-        return f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
+    def __post_init__(self) -> None:
+        self.metric = f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
+        # Where power is measured, sampling hides nothing and free power by place says nothing.
+        self.errors = [] if self.measured else list(ERRORS)
+        self.by_place = self.places is not None and not self.measured
 
     def units(self) -> Iterator[Unit]:
         """Yield blocks with their windows; they stay in memory where the recording is small."""
@@ -64,23 +63,24 @@ class EnergyChannel(Channel):
             block = self._on_the_clock_of_charge(block)
         c = cut(block, self.seconds)
         if self.between is not None:
-            likely = self._likely_power(block, c, self.between)
+            likely = self._likely_power(c, self.between)
             block = replace(block, motion=block.motion.replaced(power=likely[block.row]))
-        capacity = 3600.0 * self.truck.battery.capacity_wh
-        energy = _recorded(block, c, self.name, capacity, SILENCE * self.seconds)
-        frame = describe(block, c)
-        whole = np.isfinite(energy) & self._seen_lifts(block, c, frame.duration, energy)
+            c = replace(c, block=block)
+        capacity = 3600.0 * self.fleet.truck.battery.capacity_wh
+        energy = _recorded(c, self.name, capacity, SILENCE * self.seconds)
+        frame = c.windows()
+        whole = np.isfinite(energy) & self._seen_lifts(c, frame.duration, energy)
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
-        coarse = (self.charge_step * 3.6 * self.truck.battery.capacity_wh) ** 2 / 6.0
+        coarse = (self.charge_step * 3.6 * self.fleet.truck.battery.capacity_wh) ** 2 / 6.0
         e = self.evaluation(block, self.base)
         noise = np.full(c.count, coarse)
         if not self.measured:
-            noise += block.known.window_variance(lambda m: battery_power(m, e.physics), c.of_sample) * 1e-6
-            noise += self._unknown_load(block, c, e) ** 2
-        swing = np.ones(c.count) if self.name == "soc" else np.maximum(jumps(block, c, e), LEAST_SWING)
+            noise += block.known.window_variance(lambda m: battery_power(m, e.physics), c.of) * 1e-6
+            noise += self._unknown_load(c, e) ** 2
+        swing = np.ones(c.count) if self.name == "soc" else np.maximum(jumps(c, e), LEAST_SWING)
         # Measured power errs where it is large by chance: how noisy a window is must not hang on that.
-        level = c.energy(block, (replace(e, measured=None) if self.measured else e).power)
-        return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, (block, c))
+        level = c.energy((replace(e, measured=None) if self.measured else e).power)
+        return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, c)
 
     def settle(self, settings: Settings, split: Split, *, final: bool) -> float:
         """Measure the model's own error, and return the error of sampling: by how much of its energy a
@@ -100,19 +100,25 @@ class EnergyChannel(Channel):
             motion, seen = replace(self, measured=False), self._looked_at(split, settings)
             told = learn(self, motion, seen, hidden, settings.evidence)
             if told.share > 0.5:
-                self.between, self._kept = told, []
+                self.between, self.steady, self._kept = told, False, []
         # Power that is measured at moments errs more by chance than what is told from the motion.
         alike = (0.5 if self.measured and self.between is None else 1.0) * settings.alike
         self.model_error = max(settings.model_error, alike * hidden)
         self.place_error = settings.gathers * self.model_error
-        self.hunted = self._hunted(split, settings)
+        hunted = self._hunted(split, settings)
+        self.errors += [replace(RIPPLE, road=r) for r in hunted]
+        if hunted and self.fleet.network is not None:
+            roads = ", ".join(self.fleet.network.edge_ids[r] for r in hunted)
+            swings = "power swings faster than rows follow; its cost is not told from a rough floor"
+            self.notes = [f"on {roads} {swings}"]
         return hidden
 
-    def _likely_power(self, block: Block, c: Cut, between: Between) -> Floats:
+    def _likely_power(self, c: Cut, between: Between) -> Floats:
         """(rows,) what the power [W] was on average over the time for which each row stands."""
+        block = c.block
         e = replace(self.evaluation(block, self.base), charge=False, measured=None)
         drawn = block.rows(np.maximum(e.force * e.gain, 0.0))
-        expected = block.rows(e.power) + between.beyond(self.state((block, c)), drawn)
+        expected = block.rows(e.power) + between.beyond(self.state(c), drawn)
         return block.power + between.share * (expected - block.power)
 
     def _looked_at(self, split: Split, settings: Settings) -> Iterator[tuple[Unit, Mask]]:
@@ -143,7 +149,8 @@ class EnergyChannel(Channel):
 
     def _thinned(self, unit: Unit, rare: Block) -> Floats:
         """(W,) the residual of the nominal model [kJ] on every second row alone, less that on all rows."""
-        block, c = unit.own
+        c: Cut = unit.own
+        block = c.block
         if self.measured:
             rare = self._on_the_clock_of_charge(rare)
         # A row counts where it is stamped, whole: of its neighbours one may be held out.
@@ -159,16 +166,16 @@ class EnergyChannel(Channel):
         known = (seconds > 0.5 * unit.windows.duration) & unit.whole & np.isfinite(energy)
         return np.where(known, energy * unit.windows.duration / np.maximum(seconds, 1e-9) - now, 0.0)
 
-    def _seen_lifts(self, block: Block, c: Cut, seconds: Floats, energy: Floats) -> Mask:
+    def _seen_lifts(self, c: Cut, seconds: Floats, energy: Floats) -> Mask:
         """(W,) windows without hydraulics that nothing shows: a log without fork height has lifts at
         standstill all the same.
 
         Then only windows with hardly any standstill count, and standstills with their usual power.
         """
-        lifting = self.truck.chassis.rated_load > 0.0 and not self.fleet.has("fork_height")
+        lifting = self.fleet.truck.chassis.rated_load > 0.0 and not self.fleet.has("fork_height")
         if self.measured or not lifting:
             return np.ones(c.count, bool)
-        share = c.energy(block, np.where(block.motion.speed <= 0.0, 1e3, 0.0)) / np.maximum(seconds, 1e-6)
+        share = c.energy(np.where(c.motion.speed <= 0.0, 1e3, 0.0)) / np.maximum(seconds, 1e-6)
         rate = 1e3 * np.nan_to_num(energy) / np.maximum(seconds, 1e-6)
         still = (share > STANDS) & np.isfinite(energy)
         if not still.any():
@@ -181,7 +188,7 @@ class EnergyChannel(Channel):
         """The block with its power moved by its lag, where the state of charge then follows it better."""
         lag = self.fleet.lag.get(block.vehicle, 0.0)
         moved = np.interp(block.time + lag, block.time, block.power)
-        paid = -np.diff(block.soc) * 3600.0 * self.truck.battery.capacity_wh
+        paid = -np.diff(block.soc) * 3600.0 * self.fleet.truck.battery.capacity_wh
         off = [
             float(np.nansum((paid - 0.5 * (p[1:] + p[:-1]) * np.diff(block.time)) ** 2))
             for p in (block.power, moved)
@@ -190,14 +197,14 @@ class EnergyChannel(Channel):
             return block
         return replace(block, power=moved, motion=block.motion.replaced(power=moved[block.row]))
 
-    def _unknown_load(self, block: Block, c: Cut, e: Evaluation) -> Floats:
+    def _unknown_load(self, c: Cut, e: Evaluation) -> Floats:
         """(W,) what a usual load adds [kJ], where trucks carry loads that nobody recorded."""
-        chassis = self.truck.chassis
+        chassis = self.fleet.truck.chassis
         if self.fleet.has("payload") or not chassis.rated_load:
             return np.zeros(c.count)
         usual = min(0.5 * chassis.rated_load, LOADED * chassis.mass)
-        heavier = block.motion.replaced(payload=block.motion.payload + usual)
-        return c.energy(block, battery_power(heavier, e.physics) - battery_power(block.motion, e.physics))
+        heavier = c.motion.replaced(payload=c.motion.payload + usual)
+        return c.energy(battery_power(heavier, e.physics) - battery_power(c.motion, e.physics))
 
     def evaluation(self, block: Block, model: Model) -> Evaluation:
         """Return a block under a model."""
@@ -206,31 +213,14 @@ class EnergyChannel(Channel):
         measured = np.nan_to_num(block.motion.power) if self.measured else None
         return Evaluation(block.motion, physics, self.name == "soc", measured)
 
-    def predict(self, unit: Unit, model: Model) -> Floats:
-        """Return the modelled energy, (W,) [kJ]."""
-        block, c = unit.own
-        return np.asarray(c.energy(block, self.evaluation(block, model).power))
-
-    def columns(self, unit: Unit, model: Model, sources: Sequence[Source]) -> tuple[Floats, Columns]:
-        """Return the modelled energy, (W,), and kJ per unit of every source's coefficients, (W, P)."""
-        block, c = unit.own
-        e = self.evaluation(block, model)
-        return c.energy(block, e.power), About(self, block, c, e, model).columns(sources)
+    def about(self, own: Cut, model: Model) -> EnergyAbout:
+        """Return what a model says of the windows, (W,) [kJ], and columns about it."""
+        return EnergyAbout(self, own, model, self.evaluation(own.block, model))
 
     def cells(self, term: Term | None) -> Cells:
         """Return the cells of a field: the same for all."""
         assert self.places is not None
         return replace(self.places, odd=term is not None and term.odd)
-
-    @property
-    def steady(self) -> bool:
-        """Whether the model's own error is alike in all trucks and hours: not what rows of power miss."""
-        return self.between is None
-
-    @property
-    def by_place(self) -> bool:
-        """Whether there are places; where power is measured, free power by place says nothing."""
-        return self.places is not None and not self.measured
 
     def terms(self) -> list[Term]:
         """Return the terms that change the energy of this channel; without places none that has a field."""
@@ -240,33 +230,16 @@ class EnergyChannel(Channel):
         able = [t for t in all_terms().values() if self.places is not None or not t.field]
         return [t for t in able if t.acts in acting and t.parameters]
 
-    def errors(self) -> list[ErrorSource]:
-        """Return what sampling hides; nothing where power is measured itself."""
-        if self.measured:
-            return []
-        return [*ERRORS, *(replace(RIPPLE, road=r) for r in self.hunted)]
-
-    def notes(self) -> list[str]:
-        """Return where trucks hunt for their speed."""
-        roads = ", ".join(self.fleet.network.edge_ids[r] for r in self.hunted) if self.fleet.network else ""
-        swings = f"on {roads} power swings faster than rows follow; its cost is not told from a rough floor"
-        return [swings] if roads else []
-
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        knots, vehicles = self.knots, len(self.vehicles)
+        knots, vehicles = self.knots, len(self.fleet.vehicles)
         if self.measured:
             return charge_curves(knots, vehicles)
         return energy_curves(knots, vehicles, len(self.fleet.dates), self.fleet.trip_names)
 
-    def samples(self, unit: Unit) -> tuple[Motion, Ints]:
-        """Return the motion of a unit, and the window of each of its samples."""
-        block, c = unit.own
-        return block.motion, c.of_sample
-
-    def state(self, own: tuple[Block, Cut]) -> dict[str, Floats]:
+    def state(self, own: Cut) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by row."""
-        block, m, first = own[0], own[0].motion, own[0].first
+        block, m, first = own.block, own.motion, own.block.first
         day, of = np.unique((block.time // 86400.0).astype(np.int64), return_inverse=True)
         begins = np.array([self.fleet.begins[block.vehicle, int(d)] for d in day])
         return {
@@ -281,35 +254,15 @@ class EnergyChannel(Channel):
             "trip_id": np.searchsorted(np.array(self.fleet.own_trips, np.int64), block.trip).astype(float),
         }  # fmt: skip
 
-    def part(self, unit: Unit, keep: Mask) -> Unit:
-        """Return some of the windows of a unit."""
-        block, c = unit.own
-        rows, samples, number = keep[c.of_row], keep[c.of_sample], (np.cumsum(keep) - 1).astype(np.int32)
-        cut = Cut(number[c.of_row[rows]], number[c.of_sample[samples]], int(keep.sum()))
-        return unit.part(keep, (block.part(rows, samples), cut))
-
-    def joined(self, own: list[tuple[Block, Cut]]) -> tuple[Block, Cut]:
-        """Return blocks and cuts one after the other."""
-        base = np.cumsum([0, *(c.count for _, c in own)])
-        numbers = [
-            np.concatenate([getattr(c, n) + b for (_, c), b in zip(own, base, strict=False)]).astype(np.int32)
-            for n in ("of_row", "of_sample")
-        ]
-        return joined([b for b, _ in own]), Cut(numbers[0], numbers[1], int(base[-1]))
-
-    def lost(self, model: Model) -> None:
-        """Return nothing: energy does not tell who was in the way."""
-
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load, pace, time and nominal energy: what makes two windows alike."""
-        block, c = unit.own
-        m, w = block.motion, unit.windows
-        sample = (c.begin + np.append(c.begin[1:], len(m)) - 1) // 2
+        c: Cut = unit.own
+        m, w, sample = c.motion, unit.windows, c.middle
         moving = (w.distance > 0.2 * w.duration) * 1.0
         wide = np.maximum(w.duration, 1.0)
-        lift = c.energy(block, np.maximum(m.lift_speed, 0.0) * (m.payload + 300.0) * GRAVITY)
-        rise = c.energy(block, (self.truck.chassis.mass + m.payload) * m.acceleration * m.speed)
-        tried = c.energy(block, (self.truck.chassis.mass + m.payload) * np.abs(m.acceleration) * m.speed)
+        lift = c.energy(np.maximum(m.lift_speed, 0.0) * (m.payload + 300.0) * GRAVITY)
+        rise = c.energy((self.fleet.truck.chassis.mass + m.payload) * m.acceleration * m.speed)
+        tried = c.energy((self.fleet.truck.chassis.mass + m.payload) * np.abs(m.acceleration) * m.speed)
         scale = max(float(np.sqrt(np.mean(unit.recorded**2))), 1e-9)
         return np.column_stack([
             np.nan_to_num(w.x) / 4.0 * moving, np.nan_to_num(w.y) / 4.0 * moving,
@@ -321,14 +274,13 @@ class EnergyChannel(Channel):
         ])  # fmt: skip
 
 
-def _recorded(block: Block, c: Cut, channel: str, capacity: float, silence: float) -> Floats:
+def _recorded(c: Cut, channel: str, capacity: float, silence: float) -> Floats:
     """(windows,) kJ that the channel shows; NaN where rows miss, for so many seconds beside a window of the
     charge, or where the battery is charged or swapped."""
-    charged = _charged(block, c)
+    block, charged, first = c.block, _charged(c), c.first
     if channel == "battery_power":
         energy = np.bincount(c.of_row, block.power * block.seconds, c.count) * 1e-3
         return np.asarray(np.where(charged, np.nan, energy), dtype=np.float64)
-    first = np.flatnonzero(np.concatenate([[True], np.diff(c.of_row) != 0]))
     soc = block.soc
     # Of a silence of the log each of the windows beside it would count half the charge that went in it.
     after = np.flatnonzero(block.silence[1:] > silence) + 1
@@ -338,9 +290,9 @@ def _recorded(block: Block, c: Cut, channel: str, capacity: float, silence: floa
     return np.where(charged, np.nan, -np.diff(border) * capacity * 1e-3)
 
 
-def _charged(block: Block, c: Cut) -> Mask:
+def _charged(c: Cut) -> Mask:
     """(windows,) whether the battery took energy that no wheel gave: standing, or by a leap of its charge."""
-    m = block.motion
+    block, m = c.block, c.motion
     still = (block.rows(m.speed) <= 0.0) & (np.abs(block.rows(m.lift_speed)) <= 0.0)
     leap = np.diff(block.soc, prepend=block.soc[:1]) > LEAP
     # The border of two windows lies between the rows of a leap: neither knows its end.

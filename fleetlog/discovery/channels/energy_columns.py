@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,19 +11,11 @@ from scipy.special import ndtr
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
-from fleetlog.discovery.channels.base import Channel, Columns, side_by_side
+from fleetlog.discovery.channels.base import About
 from fleetlog.discovery.hypotheses.cells import Stretches
-from fleetlog.discovery.hypotheses.sources import (
-    UNIT,
-    ErrorSource,
-    FieldSource,
-    FreeCurve,
-    KnobSource,
-    Source,
-)
-from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.blocks import Block, Cut
-from fleetlog.physics.power import Physics, all_terms, cell_power, drive_powers
+from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
+from fleetlog.discovery.recording.blocks import Cut, by_window
+from fleetlog.physics.power import Physics, all_terms, cell_power, evaluated
 from fleetlog.physics.term import GRAVITY, Floats, Term, Values
 
 STEP = 0.01
@@ -55,7 +47,7 @@ class Evaluation:
     @cached_property
     def truck(self) -> Truck:
         """With replaced values."""
-        return self.physics.actual_truck()
+        return self.physics.actual_truck
 
     @cached_property
     def motion(self) -> Motion:
@@ -92,16 +84,12 @@ class Evaluation:
         return self._sum("power")
 
     def _sum(self, acts: str) -> Floats:
-        total = np.zeros(len(self.motion))
-        for term in self.physics.active():
-            if term.acts == acts and term.function is not None:
-                total = total + term.function(self.motion, self.truck, self.physics.values.get(term.name, {}))
-        return total
+        return sum(evaluated(self.recorded, self.physics, acts).values(), np.zeros(len(self.recorded)))
 
     def _driven(self, force: Floats) -> Floats:
         drive = self.truck.drive
         conversion = np.where(force >= 0.0, 1.0 / drive.efficiency, drive.regeneration)
-        by_force = drive_powers(self.recorded, self.physics, force).values()
+        by_force = evaluated(self.recorded, self.physics, "drive", {"force": force}).values()
         return np.asarray(sum(by_force, force * conversion * self.motion.speed))
 
     def _seen(self, terminal: Floats) -> Floats:
@@ -117,9 +105,7 @@ class Evaluation:
             return self._mean(lambda e: e.change(term, setting))
         before = self.physics.values.get(term.name, {})
         after = {**before, **setting}
-        simple = term.acts in ("force", "power", "drive") and all(
-            p.truck_key is None for p in term.parameters
-        )
+        simple = term.acts in ("force", "power", "drive") and not any(p.truck_key for p in term.parameters)
         if simple and term.function is not None and self.measured is None:
             return self._swapped(term, before, after)
         physics = Physics(self.physics.truck, {**self.physics.values, term.name: after})
@@ -140,24 +126,22 @@ class Evaluation:
 
 
 @dataclass
-class About:
-    """Columns of a block about a model."""
+class EnergyAbout(About):
+    """What a model says of the energy of a block's windows, (W,) [kJ], and columns about it."""
 
-    channel: Channel
-    block: Block
-    cut: Cut
+    own: Cut
     e: Evaluation
-    model: Model
 
-    def columns(self, sources: Sequence[Source]) -> Columns:
-        """Return the columns of sources, (W, P)."""
-        return side_by_side(sources, self._knob, self._field, self._curve, self._error)
+    @cached_property
+    def modelled(self) -> Floats:
+        """The modelled energy, (W,) [kJ]."""
+        return self.own.energy(self.e.power)
 
     def _knob(self, source: KnobSource) -> Floats:
         """Derivative where the vehicle's own number stands; of an effect with a shape, where it has none."""
-        knob, vehicle = source.knob, self.block.vehicle
+        knob = source.knob
         term, parameter = all_terms()[knob.term], knob.definition
-        now = self.model.in_force(knob, vehicle)
+        now = self.model.in_force(knob, self.vehicle)
         low, high = sorted((parameter.scaled(parameter.low), parameter.scaled(parameter.high)))
         step = STEP * (high - low)
         step = -step if now + step > high else step
@@ -167,18 +151,15 @@ class About:
             change = change - self.e.change(term, dict(source.setting))
         elif self.e.physics.own:
             change = change - self.e.change(term, {parameter.name: parameter.value_of(now)})
-        if not knob.scope.whole:
-            change = change * knob.scope.share(vehicle, self.block.motion.time)
-        return self.cut.energy(self.block, change)[:, None] / step
+        return self.own.energy(self._shared(knob.scope, change))[:, None] / step
 
     def _field(self, source: FieldSource) -> Floats:
-        term, motion = source.physics, self.block.motion
+        term, motion = source.physics, self.own.motion
         cells = self.channel.cells(term)
-        slope = UNIT["moving"] * (motion.speed > 0.0) if term is None else self._slope(term)
-        slope = slope * source.scope.share(self.block.vehicle, motion.time)
-        total = np.zeros((self.cut.count, cells.size))
+        slope = self._slope(term) if term else UNIT["moving"] * (motion.speed > 0.0).astype(float)
+        slope, total = self._shared(source.scope, slope), np.zeros((self.own.count, cells.size))
         for number, weight in cells.parts(motion):
-            total += self.cut.energies(self.block, number, cells.size, slope * weight)
+            total += by_window(self.own.of, number, slope * weight * motion.dt, *total.shape) * 1e-3
         return np.asarray(total @ cells.root)
 
     def _slope(self, term: Term) -> Floats:
@@ -193,20 +174,15 @@ class About:
         )
 
     def _curve(self, curve: FreeCurve) -> Floats:
-        weight = self._weights[curve.mode]
-        total = np.zeros(self.cut.count * curve.width)
-        for column, share in curve.hats(self._state):
-            total += np.bincount(self.cut.of_row * curve.width + column, weight * share, len(total))
-        return total.reshape(self.cut.count, curve.width)
-
-    @cached_property
-    def _state(self) -> dict[str, Floats]:
-        return self.channel.state((self.block, self.cut))
+        weight, total = self._weights[curve.mode], np.zeros((self.own.count, curve.width))
+        for column, share in curve.hats(self.state):
+            total += by_window(self.own.of_row, column, weight * share, *total.shape)
+        return total
 
     @cached_property
     def _weights(self) -> dict[str, Floats]:
         """(rows,) kJ that a coefficient of one adds, by the mode of a curve."""
-        e, m = self.e, self.block.motion
+        e, block, m = self.e, self.own.block, self.own.motion
         moving = (m.speed > 0.0).astype(float)
         power = {
             "force": UNIT["force"] * GRAVITY * e.mass * e.gain,
@@ -215,44 +191,43 @@ class About:
             "moving": UNIT["moving"] * moving,
             "still": UNIT["still"] * (1.0 - moving),
         }
-        row, rows = self.block.row, len(self.block)
-        return {k: np.asarray(np.bincount(row, p * m.dt, rows) * 1e-3, float) for k, p in power.items()}
+        return {k: np.asarray(np.bincount(block.row, p * m.dt, len(block)) * 1e-3) for k, p in power.items()}
 
     def _error(self, source: ErrorSource) -> Floats:
         change: Floats = getattr(self, f"_{source.name}")
         if source.road is not None:
             cells = self.channel.cells(None)
             assert isinstance(cells, Stretches)
-            change = change * (cells.road(self.block.motion.edge) == source.road)
-        return self.cut.energy(self.block, change)[:, None]
+            change = change * (cells.road(self.own.motion.edge) == source.road)
+        return self.own.energy(change)[:, None]
 
     @cached_property
     def _lag(self) -> Floats:
         """(n,) W that a clock one second late adds."""
-        time = self.block.motion.time
+        time = self.own.motion.time
         step = np.maximum(np.diff(time, prepend=time[0] - 1.0), 1e-3)
         return np.asarray(-np.diff(self.e.power, prepend=self.e.power[:1]) / step)
 
     @cached_property
     def _sampling(self) -> Floats:
         """(n,) W that the likeliest motion lacks of the expected power: braking at unseen accelerations."""
-        return Evaluation(self.block.likeliest, self.e.physics, self.e.charge).power - self.e.power
+        return Evaluation(self.own.block.likeliest, self.e.physics, self.e.charge).power - self.e.power
 
     @cached_property
     def _ripple(self) -> Floats:
         """(n,) W that the convex switch between traction and braking adds where power swings within rows."""
         drive = self.e.truck.drive
-        swing = np.maximum(jumps(self.block, self.cut, self.e)[self.cut.of_sample] * drive.efficiency, 1e-6)
+        swing = np.maximum(jumps(self.own, self.e)[self.own.of] * drive.efficiency, 1e-6)
         z = np.abs(self.e.force * self.e.motion.speed) / swing
         bend = (1.0 / drive.efficiency - drive.regeneration) * swing
         bend = bend * (np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi) - z * ndtr(-z))
         return np.asarray(np.where(self.e.motion.speed > 0.0, bend, 0.0))
 
 
-def jumps(block: Block, c: Cut, e: Evaluation) -> Floats:
+def jumps(c: Cut, e: Evaluation) -> Floats:
     """Return the (windows,) root mean square of the residual power's second difference, scaled to that of
     white noise [W]; of three rows of one window each, as its neighbours may be held out."""
-    r = np.nan_to_num(block.power - block.rows(e.power))
+    r = np.nan_to_num(c.block.power - c.block.rows(e.power))
     inside = c.of_row[2:] == c.of_row[:-2]
     window, bend = c.of_row[1:-1][inside], (r[2:] - 2.0 * r[1:-1] + r[:-2])[inside] / np.sqrt(6.0)
     count = np.maximum(np.bincount(window, minlength=c.count), 1)

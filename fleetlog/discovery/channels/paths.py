@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.discovery.hypotheses.cells import Stretches
-from fleetlog.discovery.recording.blocks import TRIP, Windows, narrow, picked, stacked
+from fleetlog.discovery.recording.blocks import TRIP, Windows, by_window, narrow, picked, stacked
 from fleetlog.discovery.recording.conflicts import hindered
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.routes import Route, on_road, routes
@@ -51,28 +51,43 @@ class Path:
     behind: Mask
     apart: Mask
 
-    def part(self, nodes: Mask, windows: Mask) -> "Path":
-        """Return some nodes, which are all of some windows."""
-        of = (np.cumsum(windows) - 1)[self.of[nodes]]
-        one, other = self.behind[windows], self.apart[windows]
-        return Path(**picked(self, nodes, "of", "behind", "apart"), of=of, behind=one, apart=other)
+    @property
+    def count(self) -> int:
+        """Number of windows."""
+        return len(self.behind)
 
     @property
     def last(self) -> Mask:
         """(G,) whether the node is the last of its leg."""
         return np.append(~self.inside[1:], True)
 
+    def summed(self, values: Floats) -> Floats:
+        """Return the sums of values at nodes over windows, (W,)."""
+        return np.asarray(np.bincount(self.of, values, self.count), dtype=np.float64)
 
-def joined(paths: list[Path]) -> Path:
-    """Return paths of one vehicle, one after the other."""
-    s = np.cumsum([0.0, *(p.s[-1] + 1.0 for p in paths)])
-    of = np.cumsum([0, *(len(p.behind) for p in paths)])
-    return Path(
-        join([p.motion for p in paths]),
-        np.concatenate([p.s + b for p, b in zip(paths, s, strict=False)]),
-        of=np.concatenate([p.of + b for p, b in zip(paths, of, strict=False)]),
-        **stacked(paths, "motion", "s", "of"),
-    )
+    def by_column(self, column: Ints | Index, values: Floats, width: int) -> Floats:
+        """Return them by the column of each node, (W, width)."""
+        return by_window(self.of, column, values, self.count, width)
+
+    def part(self, keep: Mask) -> tuple[Mask, "Path"]:
+        """Return the legs that begin in some windows, (W,): the windows that they touch, and their path."""
+        nodes = keep[self.of[~self.inside]][np.cumsum(~self.inside) - 1]
+        mine = np.bincount(self.of[nodes], minlength=self.count) > 0
+        of = (np.cumsum(mine) - 1)[self.of[nodes]]
+        one, other = self.behind[mine], self.apart[mine]
+        return mine, Path(**picked(self, nodes, "of", "behind", "apart"), of=of, behind=one, apart=other)
+
+    @staticmethod
+    def joined(paths: list["Path"]) -> "Path":
+        """Return paths of one vehicle, one after the other."""
+        s = np.cumsum([0.0, *(p.s[-1] + 1.0 for p in paths)])
+        of = np.cumsum([0, *(p.count for p in paths)])
+        return Path(
+            join([p.motion for p in paths]),
+            np.concatenate([p.s + b for p, b in zip(paths, s, strict=False)]),
+            of=np.concatenate([p.of + b for p, b in zip(paths, of, strict=False)]),
+            **stacked(paths, "motion", "s", "of"),
+        )
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,18 @@
 """The speed channel: the time that stretches of a path took, against the quickest drive allowed."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.core.motion import Motion
-from fleetlog.discovery.channels.base import Channel, Columns, Unit
+from fleetlog.core.arrays import Floats
+from fleetlog.discovery.channels.base import Channel, Unit
 from fleetlog.discovery.channels.lost import Lost, lost_time
-from fleetlog.discovery.channels.paths import Day, Path, days, joined, lay_out
-from fleetlog.discovery.channels.travel_columns import About, drive_times, summed
+from fleetlog.discovery.channels.paths import Day, Path, days, lay_out
+from fleetlog.discovery.channels.travel_columns import TravelAbout
 from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
-from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, Source, time_curves
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, time_curves
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.power import all_terms
@@ -38,14 +36,20 @@ class TravelChannel(Channel):
     """Travel times of a fleet on its map; see :class:`fleetlog.discovery.channels.base.Channel`."""
 
     split: Split
-    length: float
-    roads: Stretches
-    lanes: Stretches
+    settings: Settings
 
-    @property
-    def metric(self) -> str:
-        """What the error is."""
-        return f"rms error of the time for {self.length:.0f} m of path, over rms time"
+    def __post_init__(self) -> None:
+        network = self.fleet.network
+        assert network is not None
+        self.fleet = replace(self.fleet, interval={})
+        self.roads, self.lanes = make_stretches(network), make_stretches(network, apart=True)
+        self.metric = f"rms error of the time for {self.settings.stretch:.0f} m of path, over rms time"
+        self.errors = list(ERRORS)
+        # Half way between two rows a truck that gathers speed is a dt^2 / 8 off an even course, half of that
+        # on the mean.
+        unseen = self.fleet.truck.drive.max_acceleration * self.fleet.step**2 / 16.0
+        self.model_error = max(self.settings.profile_error, unseen / self.settings.stretch)
+        self.place_error = GATHERS * self.model_error
 
     def units(self) -> Iterator[Unit]:
         """Yield vehicle-days; their paths are small and stay in memory."""
@@ -80,24 +84,23 @@ class TravelChannel(Channel):
             np.maximum.at(noise, u.own.of, scatter[cell])
             waits = stops[cell] >= FEW
             path = replace(u.own, share=np.where(waits, u.own.share, 0.0))
-            apart = path.apart & (summed(path, waits.astype(float)) > 0.0)
-            recorded = np.where(apart, u.level + summed(path, path.standing), u.recorded)
+            apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
+            recorded = np.where(apart, u.level + path.summed(path.standing), u.recorded)
             out.append(replace(u, own=path, noise=noise, recorded=recorded, whole=u.whole | apart))
         return out
 
     def _unit(self, day: Day) -> Unit | None:
-        found = lay_out(day, self.fleet, self.lanes, self.length)
+        found = lay_out(day, self.fleet, self.lanes, self.settings.stretch)
         if found is None:
             return None
         path, windows, recorded, whole = found
         unit = Unit(windows, recorded, whole, np.zeros(len(recorded)), recorded, np.ones(len(recorded)), path)
         return replace(unit, level=self.predict(unit, self.base))
 
-    def predict(self, unit: Unit, model: Model) -> Floats:
-        """Return the modelled time, (W,) [s]."""
-        path = unit.own
-        seconds, _ = drive_times(path, model.physics(int(path.motion.vehicle[0]), path.motion, self.cells))
-        return summed(path, seconds + self._waits(path, model))
+    def about(self, own: Path, model: Model) -> TravelAbout:
+        """Return what a model says of a path, (W,) [s], and columns about it."""
+        physics = model.physics(int(own.motion.vehicle[0]), own.motion, self.cells)
+        return TravelAbout(self, own, model, physics, self._waits(own, model))
 
     def _waits(self, path: Path, model: Model) -> Floats:
         total = np.zeros(len(path.s))
@@ -109,15 +112,6 @@ class TravelChannel(Channel):
                 total += np.maximum(deviation, 0.0)[self.lanes.at(m)[0]] * path.share * there
         return total
 
-    def columns(self, unit: Unit, model: Model, sources: Sequence[Source]) -> tuple[Floats, Columns]:
-        """Return the modelled time, (W,), and seconds per unit of every source's coefficients, (W, P)."""
-        path = unit.own
-        vehicle = int(path.motion.vehicle[0])
-        physics = model.physics(vehicle, path.motion, self.cells)
-        about = About(self, path, model, physics, vehicle, *drive_times(path, physics))
-        modelled = summed(path, about.seconds + self._waits(path, model))
-        return modelled, about.columns(sources)
-
     def cells(self, term: Term | None) -> Stretches:
         """Return the cells of a field: of roads, or of each direction of them."""
         found = self.lanes if term is not None and term.one_way else self.roads
@@ -127,17 +121,9 @@ class TravelChannel(Channel):
         """Return the terms that change travel times."""
         return [t for t in all_terms().values() if t.acts in ("speed", "wait") and t.parameters]
 
-    def errors(self) -> list[ErrorSource]:
-        """Return what a profile of constant accelerations misses."""
-        return list(ERRORS)
-
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        return time_curves(self.knots, len(self.vehicles))
-
-    def samples(self, unit: Unit) -> tuple[Motion, Ints]:
-        """Return the motion of a unit, and the window of each of its samples."""
-        return unit.own.motion, unit.own.of
+        return time_curves(self.knots, len(self.fleet.vehicles))
 
     def state(self, own: Path) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by node."""
@@ -145,35 +131,19 @@ class TravelChannel(Channel):
         return {
             "payload": m.payload, "time": (m.time / 3600.0) % 24.0, "soc": m.soc,
             "ambient_temperature": m.ambient_temperature, "speed": np.minimum(m.speed,
-            self.truck.drive.max_speed),
+            self.fleet.truck.drive.max_speed),
             "curvature": np.abs(m.curvature), "heading": m.heading, "vehicle_id": m.vehicle.astype(float),
         }  # fmt: skip
-
-    def part(self, unit: Unit, keep: Mask) -> Unit:
-        """Return the legs of a unit that begin in some of its windows."""
-        path = unit.own
-        nodes = keep[path.of[~path.inside]][np.cumsum(~path.inside) - 1]
-        mine = np.bincount(path.of[nodes], minlength=len(keep)) > 0
-        return unit.part(mine, path.part(nodes, mine))
-
-    def joined(self, own: list[Path]) -> Path:
-        """Return paths one after the other."""
-        return joined(own)
 
     def lost(self, model: Model) -> Lost | None:
         """Return what other vehicles cost beyond a model."""
         term = next((t for t in all_terms().values() if t.acts == "traffic"), None)
         known = None if term is None else self.base.fields.get(term.name)
-
-        def free(path: Path) -> Floats:
-            physics = model.physics(int(path.motion.vehicle[0]), path.motion, self.cells)
-            return drive_times(path, physics)[0]
-
         passed = (
             (u.own, u.whole & ~u.own.behind, u.windows.trip,
              np.maximum(self._waits(u.own, model) - u.own.standing, 0.0)) for u in self.units()
         )  # fmt: skip
-        return lost_time(passed, self.lanes, free, known)
+        return lost_time(passed, self.lanes, lambda path: self.about(path, model).seconds, known)
 
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load and modelled time of every window: what makes two passes alike."""
@@ -186,16 +156,3 @@ class TravelChannel(Channel):
             m.payload[middle] / 500.0,
             time / max(float(np.sqrt(np.mean(time**2))), 1e-9) * 4.0, w.vehicle * 3.0,
         ])  # fmt: skip
-
-
-def travel_channel(fleet: Fleet, base: Model, settings: Settings, split: Split) -> TravelChannel:
-    """Return the travel times of a fleet with a map."""
-    assert fleet.network is not None
-    # Half way between two rows a truck that gathers speed is a dt^2 / 8 off an even course, half of that on
-    # the mean.
-    unseen = fleet.truck.drive.max_acceleration * fleet.step**2 / 16.0
-    roads, lanes = make_stretches(fleet.network), make_stretches(fleet.network, apart=True)
-    made = TravelChannel("speed", replace(fleet, interval={}), base, split, settings.stretch, roads, lanes)
-    made.model_error = max(settings.profile_error, unseen / settings.stretch)
-    made.place_error = GATHERS * made.model_error
-    return made

@@ -138,8 +138,8 @@ def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothe
             yield Hypothesis(term.name, field=True)
         else:
             yield from _numbers(term, FLEET)
-            if len(channel.vehicles) > 1:
-                for v in range(len(channel.vehicles)):
+            if len(channel.fleet.vehicles) > 1:
+                for v in range(len(channel.fleet.vehicles)):
                     yield from _numbers(term, Scope((v,)))
     for curve in channel.curves():
         yield Hypothesis(curve=curve)

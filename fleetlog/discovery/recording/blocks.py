@@ -167,30 +167,74 @@ def _merged(block: Block, count: int) -> Block:
     )  # fmt: skip
 
 
+def by_window(of: Ints | Index, column: Ints | Index, values: Floats, count: int, width: int) -> Floats:
+    """Return sums of (n,) values by the window ``of`` each and its column, (count, width); negative columns
+    count nowhere."""
+    on = column >= 0
+    total = np.bincount(of[on] * width + column[on], values[on], count * width)
+    return np.asarray(total.reshape(count, width), dtype=np.float64)
+
+
 @dataclass(frozen=True)
 class Cut:
-    """The windows of a block, 0..count-1 in order: ``of_row`` (rows,) and ``of_sample`` (n,) number them."""
+    """A block in windows, 0..count-1 in order: ``of_row`` (rows,) and ``of`` (n,) number those of rows and
+    samples."""
 
+    block: Block
     of_row: Index
-    of_sample: Index
+    of: Index
     count: int
+
+    @property
+    def motion(self) -> Motion:
+        """That of the block, (n,)."""
+        return self.block.motion
 
     @cached_property
     def begin(self) -> Ints:
         """(count,) first sample of every window."""
-        return np.searchsorted(self.of_sample, np.arange(self.count))
+        return np.searchsorted(self.of, np.arange(self.count))
 
-    def energy(self, block: Block, power: Floats) -> Floats:
+    @property
+    def middle(self) -> Ints:
+        """(count,) the sample in the middle."""
+        return np.asarray((self.begin + np.append(self.begin[1:], len(self.of)) - 1) // 2)
+
+    @property
+    def first(self) -> Ints:
+        """(count,) first row of every window."""
+        return np.flatnonzero(np.append(True, np.diff(self.of_row) != 0))
+
+    def energy(self, power: Floats) -> Floats:
         """Return the energy of a power along the samples [W], (count,) [kJ]."""
-        return np.asarray(np.add.reduceat(power * block.motion.dt, self.begin) * 1e-3, dtype=np.float64)
+        return np.asarray(np.add.reduceat(power * self.motion.dt, self.begin) * 1e-3, dtype=np.float64)
 
-    def energies(self, block: Block, cell: Index, cells: int, power: Floats) -> Floats:
-        """Return the energy by the cell of each sample, (count, cells) [kJ]; negative ones count nowhere."""
-        on = cell >= 0
-        flat = self.of_sample[on] * cells + cell[on]
-        weight = (power * block.motion.dt)[on]
-        total = np.bincount(flat, weight, self.count * cells).reshape(self.count, cells)
-        return np.asarray(total * 1e-3, dtype=np.float64)
+    def part(self, keep: Mask) -> tuple[Mask, Cut]:
+        """Return some of the windows, (W,): which these are, and a cut of them."""
+        rows, samples, number = keep[self.of_row], keep[self.of], (np.cumsum(keep) - 1).astype(np.int32)
+        block, count = self.block.part(rows, samples), int(keep.sum())
+        return keep, Cut(block, number[self.of_row[rows]], number[self.of[samples]], count)
+
+    @staticmethod
+    def joined(parts: list[Cut]) -> Cut:
+        """Return cuts of one vehicle, one after the other."""
+        base = np.cumsum([0, *(c.count for c in parts)])
+        numbers = [
+            np.concatenate([getattr(c, n) + b for c, b in zip(parts, base, strict=False)]).astype(np.int32)
+            for n in ("of_row", "of")
+        ]
+        return Cut(joined([c.block for c in parts]), numbers[0], numbers[1], int(base[-1]))
+
+    def windows(self) -> Windows:
+        """Return where and when they are."""
+        b, m, sample = self.block, self.motion, self.middle
+        row = (self.first + np.append(self.first[1:], len(b)) - 1) // 2
+        return Windows(
+            trip=b.trip[row], vehicle=np.full(self.count, b.vehicle), day=np.full(self.count, b.day),
+            edge=m.edge[sample].astype(np.int64), duration=np.add.reduceat(m.dt, self.begin),
+            distance=np.add.reduceat(m.speed * m.dt, self.begin), x=m.x[sample], y=m.y[sample],
+            time=b.time[row],
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -246,18 +290,4 @@ def cut(block: Block, width: float) -> Cut:
     numbers = np.repeat(base, length) + local
     numbers[1:] = np.where(block.seconds[1:] > 0.0, numbers[1:], numbers[:-1])
     of_row = (np.cumsum(np.diff(numbers, prepend=numbers[:1]) != 0)).astype(np.int32)
-    return Cut(of_row, of_row[block.row], int(of_row[-1]) + 1)
-
-
-def describe(block: Block, c: Cut) -> Windows:
-    """Return where and when the windows of a block are."""
-    first = np.flatnonzero(np.concatenate([[True], np.diff(c.of_row) != 0]))
-    middle = (first + np.append(first[1:], len(block)) - 1) // 2
-    m = block.motion
-    sample = (c.begin + np.append(c.begin[1:], len(m)) - 1) // 2
-    return Windows(
-        trip=block.trip[middle], vehicle=np.full(c.count, block.vehicle), day=np.full(c.count, block.day),
-        edge=m.edge[sample].astype(np.int64), duration=np.add.reduceat(m.dt, c.begin),
-        distance=np.add.reduceat(m.speed * m.dt, c.begin), x=m.x[sample], y=m.y[sample],
-        time=block.time[middle],
-    )  # fmt: skip
+    return Cut(block, of_row, of_row[block.row], int(of_row[-1]) + 1)

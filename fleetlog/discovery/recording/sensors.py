@@ -37,19 +37,30 @@ PIECE = 200  # Rows of a piece whose clock is looked at by itself
 
 
 @dataclass(frozen=True)
+class Off:
+    """What is off in some vehicles: the value of each, by code, and the standard error of all together."""
+
+    by_vehicle: dict[int, float]
+    error: float
+    all_vehicles: bool
+    p_value: float
+
+
+@dataclass(frozen=True)
 class Fault:
-    """A fault of one kind: ``value`` and ``error`` over all vehicles, ``by_vehicle`` each one's, by name."""
+    """A fault of one kind; ``before`` and ``after`` it is put right, by the ``metric`` of its ``channel``."""
 
     term: str
     channel: str
     metric: str
-    value: float
-    error: float
-    by_vehicle: dict[str, float]
-    all_vehicles: bool
-    p_value: float
+    off: Off
     before: float
     after: float
+
+    @property
+    def value(self) -> float:
+        """The usual value of the vehicles that have it."""
+        return float(np.median(list(self.off.by_vehicle.values())))
 
 
 @dataclass(frozen=True)
@@ -102,11 +113,10 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, F
         return None
     every = [k for v in late.by_vehicle for k in looks[v]]
 
-    def fault(kind: str, told: _Off, after: list[float]) -> Fault:
+    def fault(kind: str, off: Off, after: list[float]) -> Fault:
         metric, before = "share of the power that the model does not explain", [k.before for k in every]
-        return told.fault(
-            fleet, terms[kind], "battery_power", metric, float(np.mean(before)), float(np.mean(after))
-        )
+        means = float(np.mean(before)), float(np.mean(after))
+        return Fault(terms[kind].name, "battery_power", metric, off, *means)
 
     if "mean" in terms and float(np.median([k.averaged - k.after for k in every])) < 0.0:
         interval = float(np.median([k.interval for k in every]))
@@ -120,28 +130,7 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, F
     return fault("clock", late, [k.after for k in every]), replace(fleet, lag=late.by_vehicle)
 
 
-@dataclass(frozen=True)
-class _Off:
-    """What is off in some vehicles: the value of each, the standard error of all together."""
-
-    by_vehicle: dict[int, float]
-    error: float
-    all_vehicles: bool
-    p_value: float
-
-    def fault(
-        self, fleet: Fleet, term: Term, channel: str, metric: str, before: float, after: float
-    ) -> Fault:
-        """Return it as a fault."""
-        by_name = {fleet.vehicles[v]: x for v, x in self.by_vehicle.items()}
-        value = float(np.median(list(by_name.values())))
-        return Fault(
-            term.name, channel, metric, value, self.error, by_name, self.all_vehicles, self.p_value, before,
-            after,
-        )  # fmt: skip
-
-
-def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> _Off | None:
+def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> Off | None:
     """Judge a value and its error, by vehicle; None where none is off."""
     off = {v: m for v, (m, e) in found.items() if abs(m - right) > max(least, SURE * e)}
     if not off:
@@ -156,7 +145,7 @@ def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> _
         off = dict.fromkeys(off, float(np.median(values)))
     worst = float(np.max(np.abs(values - right) / errors))
     p_value = max(math.erfc(min(worst, 37.0) / math.sqrt(2.0)), 1e-300)
-    return _Off(off, float(np.sqrt(np.mean(errors**2) / len(errors))), whole, p_value)
+    return Off(off, float(np.sqrt(np.mean(errors**2) / len(errors))), whole, p_value)
 
 
 def _spread(values: list[float]) -> float:
@@ -248,9 +237,8 @@ def _speed_scale(fleet: Fleet, split: Split, term: Term) -> tuple[Fault, dict[in
     off = _off(found, 1.0, 1.5 * term.parameters[0].tolerance * max(1.0, 0.5 * fleet.step))
     if off is None:
         return None
-    before = abs(float(np.median(list(off.by_vehicle.values()))) - 1.0)
-    fault = off.fault(fleet, term, "speed", "deviation of travelled distance", before, off.error)
-    return fault, off.by_vehicle
+    fault = Fault(term.name, "speed", "deviation of travelled distance", off, 0.0, off.error)
+    return replace(fault, before=abs(fault.value - 1.0)), off.by_vehicle
 
 
 def _ratio(pairs: Floats) -> tuple[float, float]:

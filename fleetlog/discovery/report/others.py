@@ -1,5 +1,6 @@
 """Findings that need no search: faults of the recording, and time lost to other trucks."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,23 +11,22 @@ from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.recording.sensors import Fault
 from fleetlog.discovery.report import words
 from fleetlog.discovery.report.fields import LARGE, Values, extent, row, runs_by_edge
-from fleetlog.discovery.report.finding import NORMAL, Errors, Finding, Parameter
+from fleetlog.discovery.report.finding import NORMAL, Errors, Finding, Parameter, interval
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
 
-def of_fault(fault: Fault) -> Finding:
+def of_fault(fault: Fault, vehicles: Sequence[str]) -> Finding:
     """Return the finding of a fault; it goes first, as everything else is judged with it put right."""
-    term, half = all_terms()[fault.term], NORMAL * fault.error
+    term, off = all_terms()[fault.term], fault.off
     first = term.parameters[0]
-    number = Parameter(
-        first.name, fault.value, fault.value - half, fault.value + half, first.unit, first.neutral
-    )
-    errors = Errors(fault.metric, fault.before, fault.after, fault.p_value)
+    number = interval(first, fault.value, off.error, first.neutral)
+    errors = Errors(fault.metric, fault.before, fault.after, off.p_value)
     found = _finding(term, fault.channel, number, errors, None, 1.0 + fault.before)
-    found.when = {"vehicles": {v: float(x) for v, x in fault.by_vehicle.items()}}
-    found.scope["vehicles"] = None if fault.all_vehicles else sorted(fault.by_vehicle)
+    by_name = {vehicles[v]: float(x) for v, x in off.by_vehicle.items()}
+    found.when = {"vehicles": by_name}
+    found.scope["vehicles"] = None if off.all_vehicles else sorted(by_name)
     return found
 
 
@@ -40,8 +40,7 @@ def of_lost(lost: Lost, channel: Channel, errors: Errors) -> Finding:
     term = next(t for t in all_terms().values() if t.acts == "traffic")
     lanes = channel.cells(term)
     assert isinstance(lanes, Stretches)
-    first, half = term.parameters[0], NORMAL * lost.error
-    share = Parameter(first.name, lost.share, max(lost.share - half, 0.0), lost.share + half, first.unit)
+    share = interval(term.parameters[0], lost.share, lost.error, 0.0)
     return _finding(term, channel.name, share, errors, _where(lost, lanes), lost.share)
 
 

@@ -126,8 +126,7 @@ def _mismatch(channel: EnergyChannel, model: Model, name: str) -> Shape | None:
         return None
     total, seconds = np.zeros((2, len(cells))), np.zeros((2, len(cells)))
     for unit in channel.units():
-        block, _ = unit.own
-        m = block.motion
+        block, m = unit.own.block, unit.own.motion
         residual = np.nan_to_num((m.power - channel.evaluation(block, model).power) * m.dt)
         cell, way = cells.at(m)
         on = (cell >= 0) & (m.speed > 0.0)
@@ -170,7 +169,7 @@ def _worst_trip(channel: EnergyChannel, before: Model, after: Model) -> Series:
         if sums.max() > most:
             most, worst = float(sums.max()), (unit, int(unit.windows.trip[which == int(np.argmax(sums))][0]))
     assert worst is not None
-    block, _ = worst[0].own
+    block = worst[0].own.block
     rows = np.flatnonzero(block.trip == worst[1])[:LONG]
     curves = {"recorded": block.power[rows]}
     for name, model in (("before", before), ("after", after)):

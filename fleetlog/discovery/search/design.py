@@ -113,11 +113,11 @@ class Design:
 def make_design(channel: Channel, layout: Layout, model: Model, chosen: Sequence[Hypothesis]) -> Design:
     """Return the design of a joint model about ``model``: steps of its coefficients."""
     freed = {k for h in chosen for k in h.knobs}
-    knobs, vehicles = channel.adjustable(), range(len(channel.vehicles))
+    knobs, vehicles = channel.adjustable(), range(len(channel.fleet.vehicles))
     if len(vehicles) > 1:
         knobs += [replace(k, scope=Scope((v,))) for k in knobs for v in vehicles]
     atoms = [_tolerance(channel, layout, model, k) for k in knobs if k not in freed]
-    for source in channel.errors():
+    for source in channel.errors:
         at = np.array(layout.at(source))
         atoms.append(Atom(at, np.ones(1), source.spread**-2.0, low=-source.most, high=source.most))
     for h in chosen:
@@ -129,7 +129,7 @@ def make_design(channel: Channel, layout: Layout, model: Model, chosen: Sequence
 def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> Atom:
     p = knob.definition
     zero = channel.base.coordinate(knob.fleet)
-    width = abs(p.scaled(p.value_of(zero) + p.allowance(channel.truck)) - zero)
+    width = abs(p.scaled(p.value_of(zero) + p.allowance(channel.fleet.truck)) - zero)
     if not knob.scope.whole:
         zero, width = 0.0, ALIKE * width
     now = model.coordinate(knob)

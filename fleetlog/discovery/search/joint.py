@@ -227,7 +227,7 @@ def predicted(problem: Problem, unit: Unit, joint: Joint) -> Floats:
 
 def hidden(problem: Problem, unit: Unit, joint: Joint) -> Floats:
     """Return what sampling hides in every window by a fit, (W,): no physics, and not in the model."""
-    sources = problem.channel.errors()
+    sources = problem.channel.errors
     if not sources:
         return np.zeros(len(unit.windows))
     own = [a.owner is None and a.knob is None for a in joint.design.atoms]

@@ -27,7 +27,7 @@ class Problem:
 
     def layout(self, hypotheses: Sequence[Hypothesis]) -> Layout:
         """Return the columns of the base and of hypotheses."""
-        base: list[Source] = [*(KnobSource(k) for k in self.channel.adjustable()), *self.channel.errors()]
+        base: list[Source] = [*(KnobSource(k) for k in self.channel.adjustable()), *self.channel.errors]
         sources = list(dict.fromkeys([*base, *(s for h in hypotheses for s in h.sources)]))
         sources.sort(key=lambda s: isinstance(s, FieldSource) - isinstance(s, KnobSource))
         return lay_out(sources, [self.channel.width(s) for s in sources])
@@ -66,7 +66,7 @@ class Problem:
         """Return the products of the columns of base and hypotheses about a model, over training windows."""
         self.learn(model, hypotheses)
         layout = self.layout(hypotheses)
-        sums = Sums.empty(layout, self.settings.folds, len(self.channel.vehicles))
+        sums = Sums.empty(layout, self.settings.folds, len(self.channel.fleet.vehicles))
         for unit, modelled, x in self._tables(model, layout):
             use, w = unit.whole, unit.windows[unit.whole]
             if len(w):

@@ -128,7 +128,7 @@ def narrowed(problem: Problem, now: Joint, joint: Joint) -> Hypothesis | None:
         return None
     shape = Pattern(joint.model.fields[h.term].tobytes(), "as found")
     s = _slotted(problem, now, [Hypothesis(h.term, patterns=(shape,))])
-    every = tuple(range(len(problem.channel.vehicles)))
+    every = tuple(range(len(problem.channel.fleet.vehicles)))
     return replace(h, when=max(_parts(s.column(0), s.edges, every), key=lambda p: p[0])[1])
 
 
@@ -146,7 +146,7 @@ def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slo
     layout = problem.layout([*now.chosen, *numbers])
     design = make_design(problem.channel, layout, now.model, now.chosen)
     added = Design(tuple(of_hypothesis(problem.channel, layout, now.model, h)[0] for h in numbers))
-    vehicles, folds = len(problem.channel.vehicles), problem.settings.folds
+    vehicles, folds = len(problem.channel.fleet.vehicles), problem.settings.folds
     slots = int(np.clip(GROUPS // vehicles, 12, SLOTS))
     edges = problem.channel.fleet.moments(slots)
     k, j, groups = len(design.atoms), len(numbers), folds * vehicles * slots

@@ -194,7 +194,7 @@ def quickest(
     the limit; a truck stops where it is at ``rest``, and stands for ``wait`` [s]."""
     from fleetlog.physics.kernels import clock, passes
 
-    truck = physics.actual_truck()
+    truck = physics.actual_truck
     drive = truck.drive
     allowed = np.minimum(path.speed * drive.speed_factor, drive.max_speed)
     cap = np.clip(allowed_speed(path.replaced(speed=allowed), physics), SLOWEST, drive.max_speed)
