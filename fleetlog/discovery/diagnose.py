@@ -14,7 +14,7 @@ from fleetlog.discovery.explain import Explained, explain
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import Fleet, absences, read_fleet
 from fleetlog.discovery.recording.sensors import Fault, examine
-from fleetlog.discovery.recording.splits import Kind, Split, make_split
+from fleetlog.discovery.recording.splits import Kind, Split, make_split, passed_once
 from fleetlog.discovery.report.finding import Verdict
 from fleetlog.discovery.report.others import of_fault
 from fleetlog.discovery.search.problem import Problem
@@ -111,7 +111,7 @@ def _split(fleet: Fleet, holdout: Kind, settings: Settings, seed: int) -> Split:
     return make_split(
         holdout, fleet.trips, fleet.seconds, vehicles, list(fleet.dates), settings.folds, settings.held_out,
         seed,
-        window, fleet.seen_once(window),
+        window, bool(fleet.own_trips) or passed_once(fleet.days, window),
     )  # fmt: skip
 
 

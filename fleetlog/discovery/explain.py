@@ -15,7 +15,7 @@ from fleetlog.discovery.report import fields, others, words
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Finding, Parameter, interval
 from fleetlog.discovery.search.forward import Search, search
-from fleetlog.discovery.search.joint import Joint, covariance, errors, refit, without
+from fleetlog.discovery.search.joint import Joint, covariance, errors, refit
 from fleetlog.discovery.search.judge import judge, strongest
 from fleetlog.discovery.search.problem import Problem
 
@@ -59,7 +59,7 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
     before = refit(problem, base, [h for h in kept if h not in told])
     named = [h for h in kept if h in told]
     beside = {h: refit(problem, final.model, [*kept, h], steps=1) for h in told if h.term is None}
-    fit, judged, rest = judge(problem, before.model, final, {h: without(final, h) for h in named}, beside)
+    fit, judged, rest = judge(problem, before.model, final, {h: final.without(h) for h in named}, beside)
     if found.best_untold is not None:
         # The strongest single hypothesis beside the base, whatever came of it: its p-value is uniform where
         # nothing is concealed.
@@ -149,11 +149,7 @@ def _finding(
     channel, term = problem.channel, h.physics
     scope = words.scope(h.scope, channel.fleet.vehicles)
     rivals = _open(found, h)
-    text = (
-        words.unknown(h.depends_on, where)
-        if term is None
-        else words.statement(term, parameters, where, scope)
-    )
+    text = words.statement(term, parameters, where, scope) if term else words.unknown(h.depends_on, where)
     return Finding(
         h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on),
         where, when, scope, parameters, own.evidence(_alternatives(found, h, own.gain)), own.fit,
@@ -195,20 +191,16 @@ def _where(
         out.append(
             Parameter(p.name, value, max(value - half, p.low), min(value + half, p.high), p.unit, p.neutral)
         )
-    for k in h.knobs:
-        p, n = k.definition, numbers.get(k)
-        if p.added and n is not None:
-            added = [v - n.nominal for v in (n.value, n.low, n.high)]
-            out.append(Parameter(f"added_{p.name}", added[0], added[1], added[2], p.unit))
+    for n in [numbers[k] for k in h.knobs if k.definition.added and k in numbers]:
+        value, low, high = (v - n.nominal for v in (n.value, n.low, n.high))
+        out.append(Parameter(f"added_{n.name}", value, low, high, n.unit))
     return None, out
 
 
 def _when(h: Hypothesis) -> dict[str, Any] | None:
-    term = h.physics
-    bounds = (
-        {} if term is None else {p.bounds: dict(h.setting).get(p.name) for p in term.parameters if p.bounds}
-    )
-    return {f"{k}_threshold": v for k, v in bounds.items() if v is not None} or None
+    """The thresholds that a finding's shape has, by the variable that they are of."""
+    set_at = {knob.definition.bounds: value for knob, value in h.shapes.items()}
+    return {f"{variable}_threshold": value for variable, value in set_at.items() if variable} or None
 
 
 def _classes(problem: Problem, beside: Joint) -> dict[str, Any] | None:

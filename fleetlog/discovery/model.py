@@ -99,11 +99,8 @@ class Model:
 
     def without(self, knobs: set[Knob], terms: set[str]) -> Model:
         """Return the model in which these knobs, and the fields of these terms, are nominal again."""
-        return replace(
-            self,
-            at={k: v for k, v in self.at.items() if k not in knobs},
-            fields={k: v for k, v in self.fields.items() if k not in terms},
-        )
+        at = {k: v for k, v in self.at.items() if k not in knobs}
+        return replace(self, at=at, fields={k: v for k, v in self.fields.items() if k not in terms})
 
     def coordinate(self, knob: Knob) -> float:
         """Return where a knob stands; zero for the deviation of a scope where nothing was found."""
@@ -153,11 +150,9 @@ class Model:
 
     def own(self, vehicle: int) -> list[Own]:
         """Return what one vehicle has for itself, and what holds for a while."""
-        always: dict[str, Values] = {}
-        fleet = self.values()
+        fleet, always = self.values(), dict[str, Values]()
         for name, values in self.values(vehicle).items():
-            other = {k: v for k, v in values.items() if fleet.get(name, {}).get(k) != v}
-            if other:
+            if other := {k: v for k, v in values.items() if fleet.get(name, {}).get(k) != v}:
                 always[name] = other
         return [*([Own(always)] if always else []), *self._timed(vehicle)]
 
@@ -171,10 +166,9 @@ class Model:
                 out.append(Own({knob.term: {knob.parameter: value}}, None, s.begin, s.until, s.drift))
         return out
 
-    def share(self, term: str, vehicle: int, time: Floats) -> Floats | float:
+    def share(self, term: str, vehicle: int, time: Floats) -> Floats:
         """Return how far the field of a term is there at some times of a vehicle, (N,)."""
-        scope = self.when.get(term, FLEET)
-        return 1.0 if scope.whole else scope.share(vehicle, time)
+        return self.when.get(term, FLEET).share(vehicle, time)
 
     def physics(self, vehicle: int, motion: Motion, cells: Callable[[Term], Cells | None]) -> Physics:
         """Return the sum of terms along a motion of one vehicle, fields looked up in their cells."""
@@ -186,8 +180,7 @@ class Model:
                 continue
             first = term.parameters[0]
             here = where.along(motion, deviation) * self.share(name, vehicle, motion.time)
-            found = field_values(first, here)
-            values[name] = {**values.get(name, {}), first.name: found}
+            values[name] = {**values.get(name, {}), first.name: field_values(first, here)}
         return Physics(self.truck, values, own=tuple(self._timed(vehicle)))
 
 

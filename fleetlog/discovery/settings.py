@@ -11,10 +11,8 @@ class Settings:
     window: float = 10.0
     # Length of path whose travel time is taken together [m]; long against what a braking truck needs.
     stretch: float = 12.0
-    # Of the cross-validation; ten leave 90 % of the training trips to each fit.
-    folds: int = 10
-    # Share of the trips that nothing reads but the final scores.
-    held_out: float = 0.2
+    folds: int = 10  # Of the cross-validation; ten leave 90 % of the training trips to each fit
+    held_out: float = 0.2  # Share of the trips that nothing reads but the final scores
     # Share of the energy (or travel time) that a mismatch must reach where it acts; the contract's 2 %.
     material: float = 0.02
     # The model's own error gathers so much at places: 3 at corners of clean recordings of three generators.
@@ -26,10 +24,8 @@ class Settings:
     consistency: float = 2.6
     # Evidence that each fitted number costs; half the logarithm of the number of independent windows.
     parameter: float = 4.0
-    # Findings in one channel; more than six were never told apart in any test.
-    most_findings: int = 6
-    # Hypotheses that are fitted exactly after the linear screening.
-    shortlist: int = 6
+    most_findings: int = 6  # Findings in one channel; more than six were never told apart in any test
+    shortlist: int = 6  # Hypotheses that are fitted exactly after the linear screening
     # Share of a window's energy that the motion between rows keeps any model from explaining, at least.
     model_error: float = 0.01
     # Share of the error of sampling that is alike in windows of one kind, so that it passes for physics.
@@ -44,8 +40,7 @@ class Settings:
     widening: float = 2.0
     # Windows from which on a channel is judged: some ten for each class of power, in each half.
     fewest: int = 60
-    # Windows of the sample on which noise is measured and hypotheses are compared.
-    sample: int = 20_000
+    sample: int = 20_000  # Windows of the sample on which noise is measured and hypotheses are compared
 
 
 SETTINGS = Settings()

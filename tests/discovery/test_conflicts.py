@@ -6,10 +6,8 @@ import numpy as np
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Chassis, Truck
-from fleetlog.discovery.channels.lost import lost_time
-from fleetlog.discovery.channels.paths import Path
-from fleetlog.discovery.recording.conflicts import hindered
-from fleetlog.discovery.recording.routes import Route
+from fleetlog.discovery.channels.paths import Path, lost_time
+from fleetlog.discovery.recording.conflicts import Route, hindered
 from fleetlog.physics.motion.legs import Leg
 
 TRUCK = Truck("any", Chassis(mass=4000.0))

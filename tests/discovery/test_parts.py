@@ -25,7 +25,7 @@ from fleetlog.discovery.recording.splits import make_split
 from fleetlog.discovery.recording.turns import Turn, _map_explains, measure
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
-from fleetlog.discovery.search.places import _best
+from fleetlog.discovery.search.beside import _best
 from fleetlog.physics.motion.legs import Leg
 from fleetlog.physics.power import Physics, all_terms, battery_power
 
@@ -111,7 +111,7 @@ def faults(f: Fleet):
 def test_a_late_clock_is_found(shift: float) -> None:
     (fault,) = faults(fleet(shift))
     assert fault.term == "clock_offset"
-    assert fault.value == pytest.approx(shift, abs=0.2)
+    assert fault.off.value == pytest.approx(shift, abs=0.2)
 
 
 def test_a_right_clock_is_no_fault() -> None:

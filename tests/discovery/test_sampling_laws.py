@@ -18,8 +18,7 @@ from fleetlog.discovery.recording.blocks import Windows, block
 from fleetlog.discovery.recording.fleet import read_fleet
 from fleetlog.discovery.recording.splits import make_split
 from fleetlog.discovery.search.joint import refit
-from fleetlog.discovery.search.noise import Noise, learn
-from fleetlog.discovery.search.problem import Problem
+from fleetlog.discovery.search.problem import Noise, Problem, learn
 from fleetlog.discovery.settings import SETTINGS
 from fleetlog.store import Dataset
 

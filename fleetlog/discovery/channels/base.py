@@ -11,16 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.discovery.channels.lost import Lost
+from fleetlog.discovery.channels.paths import Lost
 from fleetlog.discovery.hypotheses.cells import Cells
-from fleetlog.discovery.hypotheses.sources import (
-    ErrorSource,
-    FieldSource,
-    FreeCurve,
-    KnobSource,
-    Source,
-    knots_of,
-)
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, FreeCurve, Source, knots_of
 from fleetlog.discovery.model import Knob, Model, Scope
 from fleetlog.discovery.recording.blocks import Windows, picked, stacked
 from fleetlog.discovery.recording.fleet import Fleet
@@ -214,16 +207,16 @@ class About(ABC):
         return np.concatenate([of[type(s)](s) for s in sources], axis=1).astype(np.float32)
 
     @abstractmethod
-    def _knob(self, source: KnobSource) -> Floats: ...
+    def _knob(self, source: Any) -> Floats: ...
 
     @abstractmethod
-    def _field(self, source: FieldSource) -> Floats: ...
+    def _field(self, source: Any) -> Floats: ...
 
     @abstractmethod
-    def _curve(self, curve: FreeCurve) -> Floats: ...
+    def _curve(self, curve: Any) -> Floats: ...
 
     @abstractmethod
-    def _error(self, source: ErrorSource) -> Floats: ...
+    def _error(self, source: Any) -> Floats: ...
 
     def _shared(self, scope: Scope, change: Floats) -> Floats:
         """A change along the motion, (n,), as far as a scope holds."""

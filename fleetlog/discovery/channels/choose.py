@@ -1,6 +1,7 @@
 """Which channels a recording has, and how each is looked at."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,7 +44,7 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
         # As wide as leaves enough of them to see what the battery does as it empties.
         most = min(WIDEST, fleet.seconds / (ENOUGH * settings.fewest))
         wider = float(np.clip(window * hidden**2 / DILUTED, window, max(most, window)))
-        channel = EnergyChannel(name, fleet, base, wider, channel.places, measured, charge_step=step)
+        channel = replace(channel, seconds=wider)
         channel.settle(settings, split, final=True)
     return channel
 

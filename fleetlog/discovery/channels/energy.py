@@ -189,11 +189,9 @@ class EnergyChannel(Channel):
         lag = self.fleet.lag.get(block.vehicle, 0.0)
         moved = np.interp(block.time + lag, block.time, block.power)
         paid = -np.diff(block.soc) * 3600.0 * self.fleet.truck.battery.capacity_wh
-        off = [
-            float(np.nansum((paid - 0.5 * (p[1:] + p[:-1]) * np.diff(block.time)) ** 2))
-            for p in (block.power, moved)
-        ]
-        if lag == 0.0 or off[0] <= off[1]:
+        said = (0.5 * (p[1:] + p[:-1]) * np.diff(block.time) for p in (block.power, moved))
+        now, late = (float(np.nansum((paid - energy) ** 2)) for energy in said)
+        if lag == 0.0 or now <= late:
             return block
         return replace(block, power=moved, motion=block.motion.replaced(power=moved[block.row]))
 

@@ -1,34 +1,125 @@
-"""The speed channel: the time that stretches of a path took, against the quickest drive allowed."""
+"""The speed channel: the time that stretches of a path took, against the quickest drive allowed; and how that
+time changes with each number, field and free curve."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats
-from fleetlog.discovery.channels.base import Channel, Unit
-from fleetlog.discovery.channels.lost import Lost, lost_time
-from fleetlog.discovery.channels.paths import Day, Path, days, lay_out
-from fleetlog.discovery.channels.travel_columns import TravelAbout
+from fleetlog.core.arrays import Floats, Mask
+from fleetlog.discovery.channels.base import About, Channel, Unit
+from fleetlog.discovery.channels.paths import Day, Lost, Path, days, lay_out, lost_time
+from fleetlog.discovery.hypotheses import sources
 from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
-from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, time_curves
+from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.settings import Settings
-from fleetlog.physics.power import all_terms
+from fleetlog.physics.motion.legs import quickest
+from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Term
 
 FEW = 3  # Stops from which on trucks wait at a place
 SCATTER = 0.5  # Of waits, as a share of their mean, by what counts as one passage; the others tell the rest
-
 GATHERS = 2.5  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
-
 ERRORS = (
     ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25),
     ErrorSource("kinks", 0.5),
 )  # fmt: skip
 """Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each]; and how
 far trucks follow the kinks of the map's line no positions show (0: they drive curves, 1: every kink)."""
+STEP = 0.02  # Finite differences, as a share of a parameter's range
+
+
+def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:
+    """Return the time of the step to each node, (G,) [s], and whether a cap holds the speed down there."""
+    if physics.own:
+        parts = [(w, *drive_times(path, p)) for w, p in physics.phases(path.motion.time)]
+        held = np.any([capped & (w > 0.5) for w, _, capped in parts], axis=0)
+        return np.asarray(sum(w * time for w, time, _ in parts)), held
+    ends = ~path.inside | path.last
+    speed, time, cap = quickest(path.s, path.motion, physics, ends, np.zeros(len(ends)))
+    return np.where(path.inside, np.diff(time, prepend=0.0), 0.0), (speed > 0.97 * cap) & path.inside
+
+
+@dataclass
+class TravelAbout(About):
+    """What a model says of the time that the windows of a path take, (W,) [s], and columns about it."""
+
+    own: Path
+    physics: Physics
+    waits: Floats  # (G,) seconds of standing at every node that belong to the place
+
+    @cached_property
+    def modelled(self) -> Floats:
+        """The modelled time, (W,) [s]."""
+        return self.own.summed(self.seconds + self.waits)
+
+    @property
+    def seconds(self) -> Floats:
+        """The time of the step to each node, (G,) [s], waits left out."""
+        return self._times[0]
+
+    @cached_property
+    def _times(self) -> tuple[Floats, Mask]:
+        return drive_times(self.own, self.physics)
+
+    def _knob(self, source: KnobSource) -> Floats:
+        knob = source.knob
+        term, p = all_terms()[knob.term], knob.definition
+        now = self.model.in_force(knob, self.vehicle)
+        low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
+        step = STEP * min(high - low, 4.0 * abs(now))
+        ends = [now + step, now - step]
+        if p.reach and now == p.scaled(p.neutral):
+            ends = [p.scaled(p.neutral - p.reach), now]
+        times = [self._set(term, {**dict(source.setting), p.name: p.value_of(e)}) for e in ends]
+        change = self._shared(knob.scope, times[0] - times[1])
+        return np.asarray(self.own.summed(change)[:, None] / (ends[0] - ends[1]))
+
+    def _set(self, term: Term, setting: dict[str, float]) -> Floats:
+        phases = self.physics.phases(self.own.motion.time)
+        return np.asarray(
+            sum(w * drive_times(self.own, p.changed({term.name: setting}))[0] for w, p in phases)
+        )
+
+    def _field(self, source: FieldSource) -> Floats:
+        term, cells = source.physics, self.channel.cells(source.physics)
+        if term is None:
+            slope = UNIT["time"] * self.seconds
+        elif term.acts == "wait":
+            slope = self._shared(source.scope, self.own.share)
+        else:
+            first = term.parameters[0]
+            now = np.asarray(self.physics.values.get(term.name, {}).get(first.name, first.neutral), float)
+            # Where a cap binds, time goes with the inverse of the share of it that is driven.
+            slope = self._shared(source.scope, np.where(self._times[1], self.seconds * now, 0.0))
+        return np.asarray(self.own.by_column(cells.at(self.own.motion)[0], slope, len(cells)) @ cells.root)
+
+    def _curve(self, curve: FreeCurve) -> Floats:
+        time, total = UNIT["time"] * self.seconds, np.zeros((self.own.count, curve.width))
+        for column, share in curve.hats(self.state):
+            total += self.own.by_column(column, time * share, curve.width)
+        return total
+
+    def _error(self, source: ErrorSource) -> Floats:
+        if source.name == "kinks":
+            return self._along_kinks()[:, None]
+        step = np.diff(self.own.s, prepend=self.own.s[:1])
+        pace = np.where(self.own.inside, self.seconds / np.maximum(step, 1e-9), 0.0)
+        inside, last = self.own.inside, self.own.last
+        dip = inside & np.roll(inside, 1) & (pace >= np.roll(pace, 1)) & (pace > np.roll(pace, -1))
+        which = {"setting off": ~inside, "stopping": last, "slowing down": dip & ~last}[source.name]
+        return self.own.summed(which.astype(float))[:, None]
+
+    def _along_kinks(self) -> Floats:
+        """(W,) seconds that following every kink of the map's line adds."""
+        if not self.own.kink.any():
+            return np.zeros(self.own.count)
+        bend = np.maximum(np.abs(self.own.motion.curvature), self.own.kink)
+        path = replace(self.own, motion=self.own.motion.replaced(curvature=bend))
+        return self.own.summed(drive_times(path, self.physics)[0] - self.seconds)
 
 
 @dataclass
@@ -123,7 +214,7 @@ class TravelChannel(Channel):
 
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        return time_curves(self.knots, len(self.fleet.vehicles))
+        return sources.time_curves(self.knots, len(self.fleet.vehicles))
 
     def state(self, own: Path) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by node."""

@@ -109,6 +109,16 @@ class Hypothesis:
         return (*own, "time") if self.scope.timed and "time" not in own else own
 
     @property
+    def placed(self) -> bool:
+        """Whether it follows the place."""
+        return bool({"x", "y"} & set(self.depends_on))
+
+    @property
+    def local(self) -> bool:
+        """Whether it may touch a part of the recording only: some places, trucks, or hours."""
+        return self.placed or not self.scope.whole
+
+    @property
     def slow(self) -> bool:
         """Whether it follows something that changes over hours."""
         return bool(SLOW & set(self.depends_on)) and not self.field and not self.patterns
@@ -133,14 +143,14 @@ class Hypothesis:
 def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothesis]:
     """Yield every explanation of a channel but the patterns of places, which are found in its sums."""
     terms = [t for t in channel.terms() if t.told and (not only or t.name in only)]
+    count = len(channel.fleet.vehicles)
+    each = [Scope((v,)) for v in range(count)] if count > 1 else []
     for term in terms:
         if term.field:
             yield Hypothesis(term.name, field=True)
         else:
-            yield from _numbers(term, FLEET)
-            if len(channel.fleet.vehicles) > 1:
-                for v in range(len(channel.fleet.vehicles)):
-                    yield from _numbers(term, Scope((v,)))
+            for scope in (FLEET, *each):
+                yield from _numbers(term, scope)
     for curve in channel.curves():
         yield Hypothesis(curve=curve)
     if channel.by_place:

@@ -5,7 +5,7 @@ honest, which must say what the best curve says, and they say what an unknown mi
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
 from typing import Literal
@@ -186,15 +186,14 @@ def energy_curves(
     for mode, a, b in (("moving", "payload", "speed"), ("force", "ambient_temperature", "speed")):
         if a in knots and b in knots:
             out.append(FreeCurve(mode, (a, b), (_few(knots[a]), _few(knots[b]))))  # type: ignore[arg-type]
-    modes: tuple[Mode, ...] = ("force", "power") if trips else ()
-    own = [FreeCurve(m, ("trip_id",), (_codes(len(trips)),), classes=trips) for m in modes]
-    return out + _by_class(vehicles, days) + own
+    out += _by_class(("force", "power"), vehicle_id=vehicles, day=days)
+    return out + [replace(c, classes=trips) for c in _by_class(("force", "power"), trip_id=len(trips))]
 
 
 def charge_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> list[FreeCurve]:
     """Return the free curves of a state of charge whose power is measured: what the battery does with it."""
     slow = [FreeCurve("power", (n,), (k,)) for n, k in knots.items() if n in ("ambient_temperature", "soc")]
-    return slow + [c for c in _by_class(vehicles, 1) if c.mode == "power"]
+    return slow + _by_class(("power",), vehicle_id=vehicles)
 
 
 def power_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> tuple[FreeCurve, ...]:
@@ -209,15 +208,12 @@ def time_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> list[F
     """Return the free curves of travel time: a share of it by each variable."""
     out = [FreeCurve("time", ("heading",), (), 2)]
     out += [FreeCurve("time", (name,), (k,)) for name, k in knots.items()]
-    if vehicles > 1:
-        out.append(FreeCurve("time", ("vehicle_id",), (_codes(vehicles),)))
-    return out
+    return out + _by_class(("time",), vehicle_id=vehicles)
 
 
-def _by_class(vehicles: int, days: int) -> list[FreeCurve]:
-    classes = [("vehicle_id", vehicles), ("day", days)]
-    modes: tuple[Mode, ...] = ("force", "power")
-    return [FreeCurve(m, (name,), (_codes(n),)) for name, n in classes if n > 1 for m in modes]
+def _by_class(modes: tuple[Mode, ...], **counts: int) -> list[FreeCurve]:
+    """A value for each of so many classes of a code, where there are several."""
+    return [FreeCurve(m, (name,), (_codes(n),)) for name, n in counts.items() if n > 1 for m in modes]
 
 
 def _codes(count: int) -> tuple[float, ...]:

@@ -76,10 +76,6 @@ class Block:
         """How well the motion is known; made anew where the block was put away."""
         return self.fresh or self.recipe()
 
-    def put_away(self) -> Block:
-        """Return the block without what can be made anew."""
-        return replace(self, fresh=None)
-
     def part(self, rows: Mask, samples: Mask) -> Block:
         """Return some rows, and their samples."""
         number = (np.cumsum(rows) - 1).astype(np.int32)
@@ -111,11 +107,6 @@ class Block:
         out = np.zeros(len(self))
         out[self.row[1:][gap > ROUNDED]] = gap[gap > ROUNDED]
         return out
-
-    @property
-    def silent(self) -> Mask:
-        """(rows,) whether the log was silent before a row."""
-        return self.silence > 0.0
 
 
 def joined(parts: list[Block]) -> Block:
@@ -152,7 +143,7 @@ def block(
 
 def _merged(block: Block, count: int) -> Block:
     """Take ``count`` rows together; of fewer, before a trip or a silence ends, the power is not known."""
-    begin = np.append(True, np.diff(block.trip) != 0) | block.silent
+    begin = np.append(True, np.diff(block.trip) != 0) | (block.silence > 0.0)
     since = np.arange(len(block)) - np.maximum.accumulate(np.where(begin, np.arange(len(block)), 0))
     begin |= since % count == 0
     group, size = np.cumsum(begin) - 1, np.diff(np.append(np.flatnonzero(begin), len(block)))
@@ -177,8 +168,7 @@ def by_window(of: Ints | Index, column: Ints | Index, values: Floats, count: int
 
 @dataclass(frozen=True)
 class Cut:
-    """A block in windows, 0..count-1 in order: ``of_row`` (rows,) and ``of`` (n,) number those of rows and
-    samples."""
+    """A block in windows, 0..count-1 in order: ``of_row`` (rows,) those of rows, ``of`` (n,) of samples."""
 
     block: Block
     of_row: Index
@@ -219,11 +209,9 @@ class Cut:
     def joined(parts: list[Cut]) -> Cut:
         """Return cuts of one vehicle, one after the other."""
         base = np.cumsum([0, *(c.count for c in parts)])
-        numbers = [
-            np.concatenate([getattr(c, n) + b for c, b in zip(parts, base, strict=False)]).astype(np.int32)
-            for n in ("of_row", "of")
-        ]
-        return Cut(joined([c.block for c in parts]), numbers[0], numbers[1], int(base[-1]))
+        pairs = list(zip(parts, base.astype(np.int32), strict=False))
+        of_row, of = (np.concatenate([getattr(c, n) + b for c, b in pairs]) for n in ("of_row", "of"))
+        return Cut(joined([c.block for c in parts]), of_row, of, int(base[-1]))
 
     def windows(self) -> Windows:
         """Return where and when they are."""
@@ -277,7 +265,7 @@ def _light(values: NDArray[Any]) -> NDArray[Any]:
 
 def cut(block: Block, width: float) -> Cut:
     """Return windows of about ``width`` seconds within the trips of a block and between its silences."""
-    starts = np.flatnonzero(np.concatenate([[True], (np.diff(block.trip) != 0) | block.silent[1:]]))
+    starts = np.flatnonzero(np.concatenate([[True], (np.diff(block.trip) != 0) | (block.silence[1:] > 0.0)]))
     length = np.diff(np.append(starts, len(block)))
     before = np.cumsum(block.seconds) - block.seconds
     since = before - np.repeat(before[starts], length)

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.recording.blocks import DAY, TRIP, Block, block
-from fleetlog.discovery.recording.splits import passed_once, trips_apart
+from fleetlog.discovery.recording.splits import trips_apart
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels
 from fleetlog.physics.motion.rows import updates
@@ -67,7 +67,7 @@ class Fleet:
             key = vehicle, int(trajectory.time[0])
             found = self._blocks.get(key) or self.block(vehicle, trajectory)
             if self.rows <= self.most_in_memory:
-                self._blocks[key] = found.put_away()
+                self._blocks[key] = replace(found, fresh=None)  # It can be made anew.
             yield found
 
     def block(self, vehicle: int, trajectory: Trajectory) -> Block:
@@ -104,10 +104,6 @@ class Fleet:
         return tuple(
             f"{self.vehicles[c // TRIP]}:{c % TRIP}" if several else str(c % TRIP) for c in self.own_trips
         )
-
-    def seen_once(self, window: float) -> bool:
-        """Return whether most of what there is to learn is seen in one pass, or in one trip, only."""
-        return bool(self.own_trips) or passed_once(self.days, window)
 
     def moments(self, count: int) -> Floats:
         """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
@@ -194,13 +190,11 @@ ABSENCES = {
 
 ONCE = (
     "most places are passed once: kept back were pieces of road between others that were seen, and what "
-    "belongs to a place "
-    "cannot be told from what belonged to that moment; drive the road again"
+    "belongs to a place cannot be told from what belonged to that moment; drive the road again"
 )
 APART = (
     "nothing says where the trips went, so each may have a floor of its own: kept back were parts of "
-    "trips of which other parts "
-    "were seen"
+    "trips of which other parts were seen"
 )
 
 

@@ -45,6 +45,11 @@ class Off:
     all_vehicles: bool
     p_value: float
 
+    @property
+    def value(self) -> float:
+        """The usual value."""
+        return float(np.median(list(self.by_vehicle.values())))
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -56,11 +61,6 @@ class Fault:
     off: Off
     before: float
     after: float
-
-    @property
-    def value(self) -> float:
-        """The usual value of the vehicles that have it."""
-        return float(np.median(list(self.off.by_vehicle.values())))
 
 
 @dataclass(frozen=True)
@@ -76,20 +76,16 @@ class _Look:
 
 def examine(fleet: Fleet, split: Split, only: tuple[str, ...] = ()) -> tuple[Fleet, list[Fault]]:
     """Return the fleet with its sensors put right, and the faults found; ``only`` restricts them by term."""
-    faults = []
+    faults: list[Fault] = []
     terms: dict[str, Term] = {
         t.fault: t for t in all_terms().values() if t.acts == "sensor" and (not only or t.name in only)
     }
-    if "scale" in terms:
-        found = _speed_scale(fleet, split, terms["scale"])
-        if found is not None:
-            faults.append(found[0])
-            fleet = replace(fleet, scale=found[1])
-    if "clock" in terms or "mean" in terms:
-        late = _clock(fleet, split, terms)
-        if late is not None:
-            faults.append(late[0])
-            fleet = replace(late[1], load_with_power=_load_runs_with_power(late[1]))
+    if "scale" in terms and (found := _speed_scale(fleet, split, terms["scale"])):
+        faults.append(found)
+        fleet = replace(fleet, scale=found.off.by_vehicle)
+    if {"clock", "mean"} & set(terms) and (late := _clock(fleet, split, terms)):
+        faults.append(late[0])
+        fleet = replace(late[1], load_with_power=_load_runs_with_power(late[1]))
     return fleet, faults
 
 
@@ -220,7 +216,7 @@ def _load_runs_with_power(fleet: Fleet) -> bool:
     return missed[1] < missed[0]
 
 
-def _speed_scale(fleet: Fleet, split: Split, term: Term) -> tuple[Fault, dict[int, float]] | None:
+def _speed_scale(fleet: Fleet, split: Split, term: Term) -> Fault | None:
     """What the speed channel reads over the true speed; None where no vehicle's is off."""
     pairs: dict[int, list[tuple[float, float]]] = {}
     for vehicle, trajectory in fleet.days:
@@ -237,8 +233,7 @@ def _speed_scale(fleet: Fleet, split: Split, term: Term) -> tuple[Fault, dict[in
     off = _off(found, 1.0, 1.5 * term.parameters[0].tolerance * max(1.0, 0.5 * fleet.step))
     if off is None:
         return None
-    fault = Fault(term.name, "speed", "deviation of travelled distance", off, 0.0, off.error)
-    return replace(fault, before=abs(fault.value - 1.0)), off.by_vehicle
+    return Fault(term.name, "speed", "deviation of travelled distance", off, abs(off.value - 1.0), off.error)
 
 
 def _ratio(pairs: Floats) -> tuple[float, float]:

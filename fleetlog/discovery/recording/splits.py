@@ -49,9 +49,9 @@ class Split:
 
     def fold(self, w: Windows) -> Ints:
         """Return the fold of every window, (W,); ``HELD_OUT`` for those of the final scores."""
-        return (
-            self._folds(self.unit(w), int(w.vehicle[0]), int(w.day[0])) if len(w) else np.zeros(0, np.int64)
-        )
+        if not len(w):
+            return np.zeros(0, np.int64)
+        return self._folds(self.unit(w), int(w.vehicle[0]), int(w.day[0]))
 
     def rows(self, trip: Ints, time: Floats, vehicle: int, day: int) -> Ints:
         """Return the same for the rows of a vehicle-day."""

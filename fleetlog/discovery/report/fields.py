@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.core.network import Network
 from fleetlog.discovery.hypotheses.cells import Cells, Squares, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import field_values
@@ -132,39 +131,27 @@ def runs(keep: Mask, sign: Floats) -> list[NDArray[np.intp]]:
     return np.split(on, np.flatnonzero((np.diff(on) > 1) | (np.diff(sign[on]) != 0)) + 1) if len(on) else []
 
 
-def as_field(cells: Cells, v: Values, term: Term, network: Network | None) -> Field:
-    """The whole field for ``fields/TERM.parquet``: every stretch driven, in both directions of its road."""
-    neutral = term.parameters[0].neutral
+def as_field(cells: Cells, v: Values, term: Term) -> Field:
+    """The whole field for ``fields/TERM.parquet``: every stretch driven, in both directions of its road; and
+    squares as stretches without an edge, of an odd field one for each of eight headings."""
+    first = term.parameters[0]
     if isinstance(cells, Stretches):
         known = np.flatnonzero(v.samples > 0)
-        assert network is not None
-        first = term.parameters[0]
         middle, low, high = (
             field_values(first, v.deviation[known] + s * NORMAL * v.error[known]) for s in (0.0, -1.0, 1.0)
         )
         return stretches(
-            network, cells.road_edge[known], cells.start[known], cells.end[known], middle,
+            cells.network, cells.road_edge[known], cells.start[known], cells.end[known], middle,
             np.minimum(low, high), np.maximum(low, high), v.samples[known],
         )  # fmt: skip
     assert isinstance(cells, Squares)
-    return _square_field(cells, v, term, neutral)
-
-
-def _square_field(cells: Squares, v: Values, term: Term, neutral: float) -> Field:
-    """Squares as stretches without an edge; of an odd field one for each of eight headings."""
     turns = np.arange(8) * np.pi / 4.0 if term.odd else np.zeros(1)
-    parts = v.deviation.reshape(len(cells), -1)
-    errors = v.error.reshape(len(cells), -1)
-    samples = v.samples.reshape(len(cells), -1).max(axis=1)
-    rows = []
-    for heading in turns:
-        weight = np.array([np.cos(heading), np.sin(heading)]) if term.odd else np.ones(1)
-        rows.append((neutral + parts @ weight, np.sqrt(errors**2 @ weight**2), np.full(len(cells), heading)))
-    value, error, heading_ = (np.concatenate([r[i] for r in rows]) for i in range(3))
-    x, y = (np.tile(cells.middle[:, i], len(turns)) for i in (0, 1))
-    count = len(value)
-    half = np.full(count, cells.side)
-    return Field(
-        np.full(count, -1, np.int32), x, y, np.angle(np.exp(1j * heading_)), np.zeros(count), half,
-        value, value - NORMAL * error, value + NORMAL * error, np.tile(samples, len(turns)),
-    )  # fmt: skip
+    weight = np.stack([np.cos(turns), np.sin(turns)]) if term.odd else np.ones((1, 1))
+    value = first.neutral + (v.deviation.reshape(len(cells), -1) @ weight).T.ravel()
+    half = NORMAL * np.sqrt(v.error.reshape(len(cells), -1) ** 2 @ weight**2).T.ravel()
+    x, y = np.tile(cells.middle, (len(turns), 1)).T
+    heading = np.repeat(np.angle(np.exp(1j * turns)), len(cells))
+    samples = np.tile(v.samples.reshape(len(cells), -1).max(axis=1), len(turns))
+    nothing, side = np.zeros(len(value)), np.full(len(value), cells.side)
+    edge = np.full(len(value), -1, np.int32)
+    return Field(edge, x, y, heading, nothing, side, value, value - half, value + half, samples)

@@ -103,14 +103,11 @@ class Verdict:
     @property
     def word(self) -> str:
         """``found``, ``none`` or ``unknown``."""
-        judged = any(c.judged for c in self.channels)
-        if (
-            any(f.term == "unknown" for f in self.findings)
-            or self.unexplained
-            or not (judged or self.findings)
-        ):
+        if self.unexplained or any(f.term == "unknown" for f in self.findings):
             return "unknown"
-        return "found" if self.findings else "none"
+        if self.findings:
+            return "found"
+        return "none" if any(c.judged for c in self.channels) else "unknown"
 
     @property
     def passes(self) -> bool:

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from fleetlog.discovery.channels.base import Channel
-from fleetlog.discovery.channels.lost import Lost
+from fleetlog.discovery.channels.paths import Lost
 from fleetlog.discovery.hypotheses.cells import Stretches
+from fleetlog.discovery.model import FLEET
 from fleetlog.discovery.recording.sensors import Fault
 from fleetlog.discovery.report import words
 from fleetlog.discovery.report.fields import LARGE, Values, extent, row, runs_by_edge
@@ -21,7 +22,7 @@ def of_fault(fault: Fault, vehicles: Sequence[str]) -> Finding:
     """Return the finding of a fault; it goes first, as everything else is judged with it put right."""
     term, off = all_terms()[fault.term], fault.off
     first = term.parameters[0]
-    number = interval(first, fault.value, off.error, first.neutral)
+    number = interval(first, off.value, off.error, first.neutral)
     errors = Errors(fault.metric, fault.before, fault.after, off.p_value)
     found = _finding(term, fault.channel, number, errors, None, 1.0 + fault.before)
     by_name = {vehicles[v]: float(x) for v, x in off.by_vehicle.items()}
@@ -54,10 +55,7 @@ def values(lost: Lost) -> Values:
 def _finding(
     term: Term, channel: str, number: Parameter, errors: Errors, where: dict[str, Any] | None, strength: float
 ) -> Finding:
-    text, everyone = (
-        words.statement(term, [number], where, None),
-        {"vehicles": None, "from": None, "until": None},
-    )
+    text, everyone = words.statement(term, [number], where, None), words.scope(FLEET, ())
     return Finding(
         term.name, channel, text, [], None, list(term.depends_on), where, None, everyone, [number],
         errors.evidence([]), errors.fit, strength,

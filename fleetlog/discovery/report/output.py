@@ -40,7 +40,7 @@ def physics(d: Diagnosis) -> Physics:
     for e in d.channels.values():
         for name, values in e.fields.items():
             term = all_terms()[name]
-            found[name] = fields.as_field(e.problem.channel.cells(term), values, term, d.fleet.network)
+            found[name] = fields.as_field(e.problem.channel.cells(term), values, term)
             when = d.found.when.get(name, FLEET)
             if when.timed:
                 timed.append(Own({}, None, when.begin, when.until, when.drift, {name: found.pop(name)}))

@@ -49,11 +49,8 @@ class Design:
     @property
     def prior(self) -> Prior:
         """Their priors and bounds."""
-        get = [
-            np.array([getattr(a, n) for a in self.atoms], dtype=float)
-            for n in ("precision", "centre", "low", "high")
-        ]
-        return Prior(*get)
+        rows = [(a.precision, a.centre, a.low, a.high) for a in self.atoms]
+        return Prior(*np.array(rows, dtype=float).reshape(-1, 4).T.copy())
 
     def scaled(self, share: float) -> Design:
         """Return the design for a truck file that is as good as this share of its tolerances."""

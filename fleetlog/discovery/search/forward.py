@@ -7,20 +7,8 @@ import numpy as np
 
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model, field_values
-from fleetlog.discovery.search.beside import Screened, screen
-from fleetlog.discovery.search.joint import (
-    Joint,
-    Size,
-    local,
-    refit,
-    scored,
-    size_of,
-    tightened,
-    tuned,
-    verified,
-    without,
-)
-from fleetlog.discovery.search.places import pattern_hypotheses
+from fleetlog.discovery.search.beside import Screened, pattern_hypotheses, screen
+from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tightened, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.search.scopes import narrowed, scoped
@@ -124,7 +112,7 @@ def _follows(problem: Problem, now: Joint, joint: Joint, other: Joint) -> bool:
     """
     h, curve = joint.chosen[-1], other.chosen[-1].curve
     likely = other.score < joint.score + problem.settings.evidence
-    if not {"x", "y"} & set(h.depends_on) or curve is None or not likely:
+    if not h.placed or curve is None or not likely:
         return False
     both = refit(problem, now.model, [*other.chosen, h], 1)
     return other.score - both.score < OWN * (now.score - joint.score)
@@ -133,12 +121,8 @@ def _follows(problem: Problem, now: Joint, joint: Joint, other: Joint) -> bool:
 def _is_part_of(joint: Joint, other: Joint) -> bool:
     """Whether a number of a part only repeats what the same number says of all, and says it worse."""
     own, whole = joint.chosen[-1], other.chosen[-1]
-    return (
-        bool(own.knobs)
-        and not own.scope.whole
-        and whole.knobs == tuple(k.fleet for k in own.knobs)
-        and other.score < joint.score
-    )
+    part = bool(own.knobs) and not own.scope.whole and whole.knobs == tuple(k.fleet for k in own.knobs)
+    return part and other.score < joint.score
 
 
 def _in_their_time(
@@ -199,9 +183,8 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
     if s.gain < problem.settings.evidence or told.mean() <= problem.settings.consistency * spread:
         return False
     size = np.sqrt(max(float(s.by_fold.sum()), 0.0) / max(now.energy, 1e-12))
-    return (
-        s.hypothesis.term is not None or local(s.hypothesis) or bool(size > 0.5 * problem.channel.model_error)
-    )
+    large = bool(size > 0.5 * problem.channel.model_error)
+    return large or s.hypothesis.term is not None or s.hypothesis.local
 
 
 def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) -> list[Screened]:
@@ -241,30 +224,19 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
 
     That error is alike in all trucks and hours, so between a part of them and all of them evidence decides.
     """
-    if not ranked:
-        return []
-    best = ranked[0]
-    wider = [
-        j.chosen[-1].scope.whole
-        and not best.chosen[-1].scope.whole
-        and j.score - best.score > problem.settings.evidence
-        for j in ranked
-    ]
-    equal = [
-        j
-        for j, w in zip(ranked, wider, strict=True)
-        if not w and verified(j, best) < problem.channel.model_error
-    ]
-    equal.sort(key=lambda j: (simplicity(j), j.score))
-    return [*equal, *(j for j in ranked if all(j is not e for e in equal))]
 
+    def order(j: Joint) -> tuple[int, float]:
+        """Numbers before places before fields before free curves; last what is not equal to the best."""
+        h, best = j.chosen[-1], ranked[0]
+        wider = h.scope.whole and not best.chosen[-1].scope.whole
+        if wider and j.score - best.score > problem.settings.evidence:
+            return 6, j.score
+        if verified(j, best) >= problem.channel.model_error:
+            return 6, j.score
+        of_numbers = bool(h.scope.vehicles) + h.scope.timed
+        return of_numbers if h.knobs else 3 if h.patterns else 4 if h.field and h.term else 5, j.score
 
-def simplicity(joint: Joint) -> int:
-    """Return how simple the last hypothesis is: numbers before places before fields before free curves."""
-    h = joint.chosen[-1]
-    if h.knobs:
-        return bool(h.scope.vehicles) + h.scope.timed
-    return 3 if h.patterns else 4 if h.field and h.term else 5
+    return sorted(ranked, key=order)
 
 
 def _on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bool:
@@ -283,7 +255,7 @@ def _on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bo
 
 def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
     """Whether an effect is material, and beyond the model's own error by what unseen trips confirm of it."""
-    if {"x", "y"} & set(h.depends_on):
+    if h.placed:
         return size.verified >= problem.channel.place_error
     material, own = problem.settings.material, problem.channel.model_error
     if not h.knobs:
@@ -330,12 +302,12 @@ def _without(problem: Problem, joint: Joint, dropped: Hypothesis) -> Joint:
 
     A threshold that was set beside it may be another alone.
     """
-    left = refit(problem, without(joint, dropped), [c for c in joint.chosen if c is not dropped], steps=2)
+    left = refit(problem, joint.without(dropped), [c for c in joint.chosen if c is not dropped], steps=2)
     for h in [h for h in left.chosen if h.setting]:
         forms = [f for f in problem.rest if f.setting and (f.term, f.knobs) == (h.term, h.knobs)]
         if not forms:
             continue
-        model = without(left, h)
+        model = left.without(h)
         sums = problem.sums(model, [*left.chosen, *forms])
         tried = [scored(problem, sums, model, [form if c is h else c for c in left.chosen]) for form in forms]
         best = min(tried, key=lambda j: j.score)
@@ -350,7 +322,7 @@ def _shaped(problem: Problem, found: Search) -> Search:
         for share in (0.5, 0.25, 0.125):
             for near in own.nearby(share):
                 chosen = [near if c is own else c for c in found.joint.chosen]
-                tried = refit(problem, without(found.joint, own), chosen, 2)
+                tried = refit(problem, found.joint.without(own), chosen, 2)
                 if tried.score < found.joint.score:
                     found.joint, own = tried, near
         found.rivals[own.kind] = found.rivals.pop(h.kind, [])

@@ -39,6 +39,11 @@ class Joint:
     design: Design
     fitted: Fitted
 
+    def without(self, h: Hypothesis) -> Model:
+        """Return the model with one hypothesis taken out and everything else in place."""
+        fields = {h.term} if (h.field or h.patterns) and h.term else set()
+        return self.model.without({*h.knobs, *h.shapes}, fields)
+
 
 def verified(worse: Joint, better: Joint) -> float:
     """Return by how much a model is better on unseen trips: root mean square over that of the energy."""
@@ -168,11 +173,6 @@ def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
     return gram, total * clusters / max(clusters - 1.0, 1.0), shift
 
 
-def local(h: Hypothesis) -> bool:
-    """Return whether an effect may touch a part of the recording only: some places, trucks, or hours."""
-    return bool({"x", "y"} & set(h.depends_on)) or not h.scope.whole
-
-
 @dataclass(frozen=True)
 class Size:
     """How large an effect is where it acts: the ``share`` of the energy that it makes up, and what of it
@@ -191,7 +191,7 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     Of a free curve only what tolerances cannot say as well: the difference that it makes beside them.
     """
     h = joint.chosen[-1]
-    before = now if h.term is None else replace(joint, model=without(joint, h))
+    before = now if h.term is None else replace(joint, model=joint.without(h))
 
     def seen(unit: Unit) -> Floats:
         effect = predicted(problem, unit, joint) - predicted(problem, unit, before)
@@ -201,18 +201,11 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
 
     size, energy, level, weight, there = np.concatenate([seen(u) for u in problem.training()], axis=1)
     touched = there > 0.0
-    if {"x", "y"} & set(h.depends_on):
+    if h.placed:
         touched &= size > problem.settings.material * level
     gained = 2.0 * problem.noise.design * max(float((now.losses - joint.losses).sum()), 0.0)
     verified = np.sqrt(gained / max(float((weight * energy**2)[touched].sum()), 1e-12))
     return Size(float(size[touched].sum() / max(float(energy[touched].sum()), 1e-12)), float(verified))
-
-
-def without(joint: Joint, h: Hypothesis) -> Model:
-    """Return the model with one hypothesis taken out and everything else in place."""
-    return joint.model.without(
-        {*h.knobs, *h.shapes}, {h.term} if (h.field or h.patterns) and h.term else set()
-    )
 
 
 def predicted(problem: Problem, unit: Unit, joint: Joint) -> Floats:

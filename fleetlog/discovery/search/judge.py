@@ -1,6 +1,7 @@
 """The last judgement: errors on trips that nothing has read, of exactly the model that is written."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -38,9 +39,6 @@ def judge(
     def left(model: Model) -> Floats:
         return _pooled(units, lambda u: u.recorded - channel.predict(u, model))
 
-    def kept_back(joint: Joint) -> Floats:
-        return _pooled(units, lambda u: u.recorded - predicted(problem, u, joint))
-
     def error(residual: Floats) -> float:
         return float(np.sqrt(np.mean(residual**2))) / size
 
@@ -48,13 +46,12 @@ def judge(
     miss = channel.model_error * np.abs(energy - new)
     concealed = _pooled(units, lambda u: hidden(problem, u, after))
     pairs = {h: (left(model), new) for h, model in without.items()}
-    pairs |= {h: (new, kept_back(joint)) for h, joint in beside.items()}
-    told = {
-        h: Errors(
-            channel.metric, error(one), error(other), p_value(one - concealed, one - other, cluster, miss)
-        )
-        for h, (one, other) in pairs.items()
-    }
+    for h, joint in beside.items():
+        pairs[h] = new, energy - _pooled(units, partial(predicted, problem, joint=joint))
+    told = {}
+    for h, (one, other) in pairs.items():
+        chance = p_value(one - concealed, one - other, cluster, miss)
+        told[h] = Errors(channel.metric, error(one), error(other), chance)
     floor = _floor(problem, before)
     told_floor = None if floor is None else floor / size
     fit = ChannelFit(channel.name, channel.metric, error(left(before)), error(new), told_floor)

@@ -1,17 +1,71 @@
-"""A channel with its split, weights and tolerances: what the search asks, and what it gets in return."""
+"""A channel with its split and weights: what the search asks, and what it gets in return.
 
-from collections.abc import Iterator, Sequence
+Weights follow how far windows scatter about a model that is right.  That is judged from what the freest model
+leaves; judged from the nominal model, an effect yet to be found would pass for noise.  It grows with the
+power drawn, so it is measured in classes of power; and where rows scatter more than is usual at that power,
+as trucks jerk between them, by a power of that excess which is measured too.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from fleetlog.core.arrays import Ints
-from fleetlog.discovery.channels.base import Channel, Unit
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.arrays import Floats, Ints
+from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Layout, Source, lay_out
 from fleetlog.discovery.model import Model
+from fleetlog.discovery.recording.blocks import Windows
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.search.noise import Noise, Table, learn
 from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.settings import Settings
+
+CLASSES = 12
+RIDGE = 0.02  # Ridge of the freest model, as a share of each column's own square: idle columns stay small
+HUBER = 4.0  # Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)
+MEDIAN = 2.198  # The mean square of a normal variable over the median of its square
+FEWEST = 5
+EXPONENTS = np.linspace(0.0, 2.0, 9)
+"""Of the scatter of rows in windows' variance: 0 where rows telescope, 2 where each errs by itself."""
+
+
+@dataclass
+class Noise:
+    """Variance per second of a window by its power, robust weights of the windows seen, and the design
+    effect.
+
+    ``design`` is by how much more sums over a trip (or what is held out in its place) scatter than
+    independent windows would.
+    """
+
+    power: Floats
+    variance: Floats
+    model_error: float
+    design: float = 1.0
+    usual: Floats = field(default_factory=lambda: np.array([1.0]))
+    """Usual scatter of rows in each class of power."""
+    exponent: float = 0.0
+    robust: dict[tuple[int, float], NDArray[np.float32]] = field(default_factory=dict)
+    levels: dict[tuple[int, float], NDArray[np.float32]] = field(default_factory=dict)
+    """What the freest model says of the windows seen; noise grows with it."""
+
+    def weight(self, unit: Unit) -> Floats:
+        """Return the inverse variance of every window, (W,)."""
+        return self.plain(unit) * self.robust.get(unit.key, np.float32(1.0))
+
+    def plain(self, unit: Unit) -> Floats:
+        """Return it without regard to outliers."""
+        seconds = np.maximum(unit.windows.duration, 1e-6)
+        level = np.abs(self.levels.get(unit.key, unit.level))
+        power = level / seconds
+        excess = unit.swing / np.interp(power, self.power, self.usual)
+        rate = np.interp(power, self.power, self.variance) * excess**self.exponent
+        return np.asarray(1.0 / (rate * seconds + (self.model_error * level) ** 2 + unit.noise))
+
+
+Table = tuple[Unit, Floats, Columns]  # A unit, its modelled quantity (W,), and columns (W, P)
 
 
 @dataclass
@@ -80,3 +134,91 @@ class Problem:
     def _tables(self, model: Model, layout: Layout) -> Iterator[Table]:
         for unit in self.training():
             yield unit, *self.channel.columns(unit, model, layout.sources)
+
+
+def learn(
+    tables: Iterable[Table], settings: Settings, model_error: float,
+    together: Callable[[Windows], Ints],
+) -> Noise:  # fmt: skip
+    """Measure the noise; windows held out ``together``, (W,), are the independent samples."""
+    kept: list[Table] = []
+    for table in tables:
+        kept.append(table)
+        if sum(len(unit.windows) for unit, _, _ in kept) >= settings.sample:
+            break
+    noise = Noise(np.array([0.0]), np.array([1.0]), 0.0)
+    for _ in range(3):
+        residual, levels = _left(kept, noise)
+        noise = _classes(kept, residual, levels, model_error)
+        for (unit, _, _), r in zip(kept, residual, strict=True):
+            z = np.abs(r) * np.sqrt(noise.plain(unit))
+            noise.robust[unit.key] = np.minimum(1.0, HUBER / np.maximum(z, 1e-9)).astype(np.float32)
+        noise.design = _design(kept, residual, noise, together)
+    return noise
+
+
+def _left(kept: list[Table], noise: Noise) -> tuple[list[Floats], list[Floats]]:
+    """What a ridge fit of every column leaves of a window as if it had not seen it, and what it says."""
+    width = kept[0][2].shape[1]
+    gram, moment = np.zeros((width, width)), np.zeros(width)
+    for unit, modelled, x in kept:
+        root = np.sqrt(noise.weight(unit) * unit.whole)
+        z = x * root[:, None].astype(np.float32)
+        gram += z.T @ z
+        moment += z.T @ ((unit.recorded - modelled) * root).astype(np.float32)
+    gram += np.diag(RIDGE * np.diag(gram) + 1e-9 * max(float(np.diag(gram).max(initial=0.0)), 1e-9))
+    inverse = np.linalg.inv(gram)
+    beta = (inverse @ moment).astype(np.float32)
+    small = inverse.astype(np.float32)
+    left, said = [], []
+    for unit, modelled, x in kept:
+        weight = noise.weight(unit) * unit.whole
+        lever = np.einsum("ij,ij->i", x @ small, x) * weight
+        said.append(np.abs(unit.level + x @ beta))
+        left.append((unit.recorded - modelled - x @ beta) / np.maximum(1.0 - lever, 0.2))
+    return left, said
+
+
+def _classes(kept: list[Table], residual: list[Floats], levels: list[Floats], model_error: float) -> Noise:
+    units = [unit for unit, _, _ in kept]
+    use = np.concatenate([u.whole for u in units])
+    seconds = np.maximum(np.concatenate([u.windows.duration for u in units]), 1e-6)[use]
+    power = np.concatenate(levels)[use] / seconds
+    rate = np.concatenate(residual)[use] ** 2 / seconds
+    edges = np.quantile(power, np.linspace(0.0, 1.0, CLASSES + 1))
+    which = np.clip(np.searchsorted(edges, power) - 1, 0, CLASSES - 1)
+    known = [k for k in range(CLASSES) if (which == k).sum() >= FEWEST]
+    swing = np.concatenate([u.swing for u in units])[use]
+    usual = np.array([np.median(swing[which == k]) for k in known])
+    centre = np.array([power[which == k].mean() for k in known])
+    excess = swing / np.interp(power, centre, usual)
+    seen = {u.key: level.astype(np.float32) for u, level in zip(units, levels, strict=True)}
+    tried = []
+    for exponent in EXPONENTS:
+        part = rate / excess**exponent
+        variance = np.array([np.median(part[which == k]) * MEDIAN for k in known])
+        variance = np.maximum(variance, 0.1 * np.median(variance) + 1e-12)
+        scale = np.interp(power, centre, variance) * excess**exponent
+        # Twice the Student likelihood of four degrees of freedom, lost: a few gross errors do not decide.
+        lost = float(np.sum(np.log(scale) + 5.0 * np.log1p(rate / scale / 4.0)))
+        tried.append(
+            (lost, Noise(centre, variance, model_error, usual=usual, exponent=exponent, levels=seen))
+        )
+    return min(tried, key=lambda t: t[0])[1]
+
+
+def _design(
+    kept: list[Table], residual: list[Floats], noise: Noise, together: Callable[[Windows], Ints]
+) -> float:
+    """Mean square of sums over what is held out together, of a constant and the energy, over their parts'."""
+    found = []
+    for constant in (True, False):
+        top = bottom = 0.0
+        for (unit, _, _), r in zip(kept, residual, strict=True):
+            weight = noise.weight(unit) * unit.whole
+            along = (unit.windows.duration if constant else unit.recorded) * weight * r
+            _, which = np.unique(together(unit.windows), return_inverse=True)
+            top += float((np.bincount(which, along) ** 2).sum())
+            bottom += float((along**2).sum())
+        found.append(top / max(bottom, 1e-300))
+    return max(1.0, float(np.mean(found)))

@@ -101,14 +101,9 @@ class Normal:
     moment: Floats
     square: Floats
 
-    def loss(self, beta: Floats, fold: int | None = None) -> float:
-        """Return the weighted sum of squares that is left, of one fold or of all."""
-        g, m, s = (
-            (self.gram.sum(axis=0), self.moment.sum(axis=0), self.square.sum())
-            if fold is None
-            else (self.gram[fold], self.moment[fold], self.square[fold])
-        )
-        return float(s - 2.0 * beta @ m + beta @ g @ beta)
+    def loss(self, beta: Floats, fold: int) -> float:
+        """Return the weighted sum of squares that is left of a fold."""
+        return float(self.square[fold] - 2.0 * beta @ self.moment[fold] + beta @ self.gram[fold] @ beta)
 
 
 def stiff(gram: Floats, prior: Prior) -> Floats:
