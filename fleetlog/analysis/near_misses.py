@@ -23,7 +23,7 @@ from fleetlog.core.words import count
 from fleetlog.store import Dataset
 
 STEP = 0.25  # Of the common time grid [s]
-LONGEST_GAP = 5.0  # A truck that is silent for longer is absent [s]
+LONGEST_GAP = 2.5  # Between rows farther apart nobody knows where a truck was to a second [s]
 CELL = 1.0  # Side of a spot on the floor [m]
 SAME = 5.0  # Two moments of one pair within this are one near miss [s]
 MOVING = 0.5  # A truck that is slower does not cross another's way [m/s]
@@ -54,8 +54,9 @@ def near_misses(
     Result
         Table ``near_misses`` (``TABLE``; s, m/s, m; NaN where an indicator does not apply), in order of time.
     """
-    found = [np.zeros((0, len(RAW)))]
+    found, judged = [np.zeros((0, len(RAW)))], False
     for fleet in _fleets(dataset):
+        judged |= fleet["vehicle"].nunique() > 1
         for first in range(fleet["step"].min(), fleet["step"].max() + 1, CHUNK):
             part = fleet[fleet["step"].between(first, first + CHUNK + round(pet / STEP), "left")]
             found.append(_collisions(part, ttc, closing, length, width))
@@ -65,7 +66,7 @@ def near_misses(
     kinds = {str(k): int(n) for k, n in table["kind"].value_counts().sort_index().items()}
     summary = {
         "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
-        "near_misses": len(table), "kinds": kinds,
+        "near_misses": len(table) if judged else None, "kinds": kinds,
     }  # fmt: skip
     lines = _lines(summary, table)
     return Result("near_misses", summary, {}, {"near_misses": table}, [_marks(table)], lines)
@@ -85,6 +86,10 @@ def _marks(table: pd.DataFrame) -> Marks:
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     if s["vehicles"] < 2:
         return ["Near misses are between trucks: one alone has none."]
+    if s["near_misses"] is None:
+        return [
+            f"Near misses cannot be told: that takes two trucks with rows every {LONGEST_GAP:g} s or less."
+        ]
     limits = f"{s['ttc_s']:g} s, or crossing within {s['pet_s']:g} s of one another (PET)"
     rule = f"time to collision (TTC) under {limits}"
     if not len(table):
@@ -110,8 +115,8 @@ def _gridded(t: Trajectory) -> pd.DataFrame:
     x, y, heading, speed = (t.floats(c) for c in COLUMNS)
     size = round(STEP * 1e6)
     step = np.arange(-(-t.time[0] // size), t.time[-1] // size + 1)
-    after = np.searchsorted(t.time, step * size)
-    step = step[t.time[after] - t.time[np.maximum(after - 1, 0)] <= LONGEST_GAP * 1e6]
+    after = np.maximum(np.searchsorted(t.time, step * size), 1)
+    step = step[t.time[after] - t.time[after - 1] <= LONGEST_GAP * 1e6]
     values = (x, y, np.cos(heading), np.sin(heading), np.nan_to_num(speed))
     x, y, east, north, speed = (np.interp(step * size, t.time, v) for v in values)
     norm = np.maximum(np.hypot(east, north), 1e-9)

@@ -117,7 +117,7 @@ def _ledger(facts: Facts) -> Ledger:
     # What the data cannot show is no zero.
     if not results["speeding"].summary["limited_s"]:
         out = out.drop(columns="over_s")
-    if len(d.vehicles) < 2:
+    if results["near_misses"].summary["near_misses"] is None:
         out = out.drop(columns="near_misses")
     # A truck without a load channel shows no tasks: it does not count where tasks are counted.
     loads = out.groupby(level="vehicle_id")["driving_h"].transform("sum") == 0.0

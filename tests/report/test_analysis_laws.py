@@ -140,6 +140,16 @@ def test_post_encroachment_time_of_crossing_trucks(write, delay: float) -> None:
     )  # cells of 1 m at 2 m/s, and steps of 0.25 s
 
 
+def test_rows_seconds_apart_tell_no_near_miss(write) -> None:
+    """Between them a truck is on no known spot at no known second: the answer is unknown, not none and not many."""
+    for dt, told in ((0.5, 1), (2.0, 1), (4.0, None)):
+        a = straight("A", (-20.0, 0.0), (2.0, 0.0), 20.0, dt)
+        b = straight("B", (0.0, -21.8), (0.0, 2.0), 24.0, dt)
+        found = near_misses(write([a, b], name=f"every {dt}"))
+        assert found.summary["near_misses"] == told
+    assert found.lines == ["Near misses cannot be told: that takes two trucks with rows every 2.5 s or less."]
+
+
 def test_trucks_far_apart_in_time_or_place_do_not_meet(write) -> None:
     assert not len(near_misses(write(crossing(8.0))).places["near_misses"])
     parallel = [straight("A", (0, 0), (2.0, 0), 20.0), straight("B", (40, 2.5), (-2.0, 0), 20.0)]
