@@ -84,7 +84,10 @@ class MovingLines:
 
 @dataclass(frozen=True)
 class Series:
-    """Curves over time or another axis: ``x`` (N,) (int64 us when ``over_time``), ``y`` by name."""
+    """Curves over time or another axis: ``x`` (N,) (int64 us when ``over_time``), ``y`` by name.
+
+    The axis of ``counts`` begins at zero.
+    """
 
     name: str
     x: NDArray[Any]
@@ -93,6 +96,7 @@ class Series:
     y_label: str
     over_time: bool = False
     stacked: bool = False
+    counts: bool = False
 
 
 @dataclass(frozen=True)

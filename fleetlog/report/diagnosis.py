@@ -75,7 +75,7 @@ def _cost(d: Diagnosis) -> list[str]:
         return []
     kwh, of = number(abs(added) / KJ_PER_KWH), number(whole / KJ_PER_KWH)
     word, share = "add" if added > 0.0 else "take", percent(abs(added) / whole, 1)
-    return [f"Together they {word} {kwh} kWh: {share} of the {of} kWh recorded."]
+    return [f"Together they {word} {kwh} kWh: {share} of the {of} kWh that were compared with the model."]
 
 
 def _todo(findings: list[Finding], zone: str) -> Table | None:

@@ -85,10 +85,11 @@ def work(f: Facts) -> Part:
             trucks[f"{name}/h"] = trucks[name] / trucks["hours"].where(trucks["hours"] > 0.0)
     part = Part([], [table(trucks, WORK, "Work by truck")])
     start = f.ledger.index.get_level_values("start").to_series()
-    hourly = f.ledger["tasks"].groupby(start.dt.floor("h").to_numpy()).sum(min_count=1)
+    hours = f.ledger[["tasks", "hours"]].groupby(start.dt.floor("h").to_numpy()).sum(min_count=1)
+    hourly = hours.loc[hours["hours"] > 0.0, "tasks"]
     if len(hourly) > 1 and hourly.notna().any():
         x, y = pd.DatetimeIndex(hourly.index).as_unit("us").asi8, {"tasks": hourly.to_numpy(float)}
-        curve = Series("tasks", x, y, "time", "tasks per hour", over_time=True)
+        curve = Series("tasks", x, y, "time", "tasks per hour", over_time=True, counts=True)
         part.blocks.append(picture(f, curve, "Tasks done in each hour"))
     if "trips" in f.results:
         pairs = f.results["trips"].tables["pairs"]

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 SOFT, GRID = "#5a5f66", "#e3e6ea"
 MAX_BARS, MAX_LABEL = 40, 28
-SILENCE = 20.0  # A gap in a curve this many times its usual step is left out of the time axis
+SILENCE, NIGHT = 20.0, 6 * 3.6e9
+"""A gap in a curve this many times its usual step, or this long [us], is left out of the time axis."""
+FEW = 60  # So many points are marked each: one alone is no line
 
 
 def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
@@ -34,11 +36,14 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
         axes.stackplot(x, np.minimum(known, 0.0), colors=colours, lw=0)
     else:
         for i, (name, y) in enumerate(zip(names, values, strict=True)):
-            axes.plot(x, y, lw=1.1, color=palette.paper_colour(name, i), label=name)
+            mark = "." if len(x) <= FEW else ""
+            axes.plot(x, y, mark, ls="-", lw=1.1, color=palette.paper_colour(name, i), label=name)
     axes.set_title(series.name.replace("_", " "))
     axes.set_xlabel(f"time ({zone.replace('_', ' ')})" if series.over_time else series.x_label)
     axes.set_ylabel(series.y_label)
     axes.margins(x=0)
+    if series.counts:
+        axes.set_ylim(bottom=0.0)
     _lines(axes, "y")
     if len(names) > 1:
         _legend(axes, names)
@@ -52,7 +57,7 @@ def _over_time(axes: Axes, x: NDArray[Any], values: Floats, zone: str) -> tuple[
     steps = np.diff(local).astype("timedelta64[us]").astype(float)
     # A short step: of few points, or of short shifts, the median is a silence itself.
     usual = float(np.quantile(steps, 0.25, method="lower")) if len(steps) else 0.0
-    cut = np.flatnonzero(steps > SILENCE * usual)
+    cut = np.flatnonzero(steps > min(SILENCE * usual, max(2.0 * usual, NIGHT)))
     if not len(cut):
         from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 

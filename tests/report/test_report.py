@@ -149,6 +149,19 @@ def test_truck_days_are_days_of_the_site(write) -> None:
     assert [len(truck_days(f)) for f in facts] == [2, 1]
 
 
+def test_hours_without_rows_are_not_hours_without_tasks(write, monkeypatch) -> None:
+    from fleetlog.report import sections
+    from fleetlog.report.facts import Facts, gather
+
+    drawn = []
+    monkeypatch.setattr(sections, "picture", lambda f, shape, caption: drawn.append(shape))
+    shifts = [
+        straight("A", (0, 0), (1.0, 0), 1800.0, 5.0, begin=day * 86_400.0, payload=0.0) for day in range(3)
+    ]
+    sections.work(gather(Facts("d", write(shifts), "UTC")))
+    assert drawn[0].counts and len(drawn[0].x) == 3 and (np.diff(drawn[0].x) == 86_400_000_000).all()
+
+
 def run(*arguments: object):
     """Status and output; what the entry point would print is the error's line."""
     done = CliRunner().invoke(cli, ["report", *map(str, arguments)], standalone_mode=False)

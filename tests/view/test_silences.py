@@ -75,11 +75,11 @@ def test_an_unbroken_log_has_the_timeline_of_the_clock_alone(tmp_path: Path) -> 
     assert describe_recording(out)["recordings"][0]["timelines"] == ["utc"]
 
 
-@pytest.mark.parametrize("points", [2, 3, 30])
-def test_no_curve_runs_across_a_silence(points: int) -> None:
+@pytest.mark.parametrize(("points", "step"), [(2, MINUTE), (3, MINUTE), (30, MINUTE), (8, 60 * MINUTE)])
+def test_no_curve_runs_across_a_silence(points: int, step: int) -> None:
     from matplotlib.figure import Figure
 
-    shift = np.arange(points) * MINUTE
+    shift = np.arange(points) * step
     x = START + np.concatenate([shift, shift + DAY, shift + 21 * DAY])
     _, values = _over_time(Figure().add_subplot(), x, np.ones((1, len(x))), "UTC")
     assert np.flatnonzero(np.isnan(values[0])).tolist() == [points, 2 * points + 1]
