@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -59,7 +59,7 @@ class Rows:
 
         It is rejected, as it was ``written``, where its place is no number or its time off.
         """
-        if self.place and unplaced(values, *self.place):
+        if not all(isfinite(values.get(name, NAN)) for name in self.place):
             self.reject(record, f"{' or '.join(self.place)} is not a number", written or values)
         elif not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
@@ -212,11 +212,6 @@ def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
     if not x * x + y * y + z * z + w * w > 1e-6:
         return NAN
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def unplaced(values: Mapping[str, float], across: str, along: str) -> bool:
-    """Whether the position is not a number."""
-    return not (isfinite(values.get(across, NAN)) and isfinite(values.get(along, NAN)))
 
 
 def renamed(labels: Labels, names: Sequence[str | None]) -> Labels:

@@ -28,8 +28,7 @@ TOLERANCE = 0.1  # vertices nearer than this [m] are one place; well under half 
 TRUTH = {None: False, False: False, True: True, "no": False, "yes": True, "false": False, "true": True}
 
 
-def read(path: Path, options: MapOptions) -> RoadMap:
-    """Read a file of roads; see the module."""
+def _read(path: Path, options: MapOptions) -> RoadMap:
     tally, raw = Tally(), _document(path)
     oneway = _add_roads(raw, tally)
     why = ", ".join(f"{count} {reason}" for reason, count in tally.dropped.items())
@@ -182,4 +181,4 @@ def _places(points: Floats, owner: NDArray[np.intp], first: Ints) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-READER = Reader("GeoJSON", (".geojson",), r'\A\{.*"Feature', read)
+READER = Reader("GeoJSON", (".geojson",), r'\A\{.*"Feature', _read)

@@ -25,8 +25,7 @@ from fleetlog.roads.formats.osm import osm_speed, osm_width
 Attributes = dict[str, str]
 
 
-def read(path: Path, options: MapOptions) -> RoadMap:
-    """Read a street network; see the module."""
+def _read(path: Path, options: MapOptions) -> RoadMap:
     from pyproj import CRS
     from pyproj.exceptions import ProjError
 
@@ -100,4 +99,4 @@ def _paired(edges: list[Edge], against: set[str]) -> list[Edge]:
     return out
 
 
-READER = Reader("GraphML", (".graphml",), "<graphml", read)
+READER = Reader("GraphML", (".graphml",), "<graphml", _read)

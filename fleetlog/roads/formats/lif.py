@@ -30,8 +30,7 @@ CHORD = 0.01  # largest distance [m] of a trajectory from its polyline
 LEAST, APART = 1e-6, 1e-9  # smallest weight of a control point; distance of two knots, as a share of all
 
 
-def read(path: Path, options: MapOptions) -> RoadMap:
-    """Read a layout; see the module."""
+def _read(path: Path, options: MapOptions) -> RoadMap:
     tally, data = Tally(), read_json(path)
     if not isinstance(data, dict) or not isinstance(data.get("layouts"), list):
         raise SiteError("has no layouts", do="give a LIF file")
@@ -129,4 +128,4 @@ def _about_turns(edges: list[Edge]) -> frozenset[tuple[str, str]]:
     return frozenset((e.id, f.id) for e in leads_on for f in leaving[e.end] if f.end == e.start)
 
 
-READER = Reader("LIF", (".json", ".lif"), r'\A\{.*"(lifVersion|layouts)"', read)
+READER = Reader("LIF", (".json", ".lif"), r'\A\{.*"(lifVersion|layouts)"', _read)

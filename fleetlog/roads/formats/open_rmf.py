@@ -27,8 +27,7 @@ MARKS: tuple[tuple[str, PlaceKind], ...] = (
 )  # fmt: skip
 
 
-def read(path: Path, options: MapOptions) -> RoadMap:
-    """Read a graph or a building; see the module."""
+def _read(path: Path, options: MapOptions) -> RoadMap:
     levels, tally = _levels(path), Tally()
     for name, level in levels.items():
         front = f"{name}/" if len(levels) > 1 else ""
@@ -117,4 +116,4 @@ def _add_lanes(level: Level, spots: Floats, front: str, tally: Tally) -> None:
 
 # YAML whose top has levels, with lanes or a drawing.
 TOPS = r"^(levels|building_name|coordinate_system|crowd_sim|doors|graphs):"
-READER = Reader("Open-RMF", (".yaml", ".yml"), rf"\A(?![{{<]).*?{TOPS}", read)
+READER = Reader("Open-RMF", (".yaml", ".yml"), rf"\A(?![{{<]).*?{TOPS}", _read)

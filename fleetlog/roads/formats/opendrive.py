@@ -35,8 +35,7 @@ THIN = 0.05  # a lane that is nowhere wider than this [m] is not there
 BEFORE_END = 1e-7  # a section is read this far before its end, where records of the next one start [m]
 
 
-def read(path: Path, options: MapOptions) -> RoadMap:
-    """Read an OpenDRIVE file; see the module."""
+def _read(path: Path, options: MapOptions) -> RoadMap:
     tally = Tally()
     root = parse_xml(path, "OpenDRIVE", tally.notes)
     header = root.find("header")
@@ -237,4 +236,4 @@ def _no_place(text: str) -> str:
     return "" if crs.is_projected else "the geoReference is no projection to metres"
 
 
-READER = Reader("OpenDRIVE", (".xodr",), "<OpenDRIVE", read)
+READER = Reader("OpenDRIVE", (".xodr",), "<OpenDRIVE", _read)

@@ -26,8 +26,7 @@ WORDS: tuple[tuple[str, PlaceKind], ...] = (
 """Openings of the names of operations; the first that fits counts."""
 
 
-def read(path: Path, options: MapOptions) -> RoadMap:
-    """Read a plant model; see the module."""
+def _read(path: Path, options: MapOptions) -> RoadMap:
     tally = Tally()
     model = parse_xml(path, "model", tally.notes)
     points = {str(p.get("name")): p for p in model.iterfind("point")}
@@ -73,4 +72,4 @@ def _kind(elements: list[Element]) -> PlaceKind | None:
     return next((kind for word, kind in WORDS if any(n.startswith(word) for n in names)), None)
 
 
-READER = Reader("openTCS", (".xml",), r"<model\b.*<(point |path |vehicle)", read)
+READER = Reader("openTCS", (".xml",), r"<model\b.*<(point |path |vehicle)", _read)

@@ -37,8 +37,7 @@ DRIVEN = frozenset({
 """Classes that are driven unless the user says otherwise."""
 
 
-def read(path: Path, options: MapOptions) -> RoadMap:
-    """Read an OSM extract; see the module."""
+def _read(path: Path, options: MapOptions) -> RoadMap:
     tally = Tally()
     root = parse_xml(path, "osm", tally.notes)
     if root.find("relation/tag[@k='type'][@v='lanelet']") is not None:
@@ -197,4 +196,4 @@ def _lanelet(lanelet: Any, projector: Any, rules: Any) -> Edge:
     return Edge(name, start, end, line, name, limit)
 
 
-READER = Reader("OSM XML", (".osm",), "<osm", read)
+READER = Reader("OSM XML", (".osm",), "<osm", _read)

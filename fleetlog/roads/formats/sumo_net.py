@@ -17,8 +17,7 @@ from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats.base import Inverse, MapOptions, Reader, RoadMap, Tally, at, number
 
 
-def read(path: Path, options: MapOptions) -> RoadMap:
-    """Read a network; see the module."""
+def _read(path: Path, options: MapOptions) -> RoadMap:
     tally = Tally()
     net = parse_xml(path, "net", tally.notes)
     for element in net.iterfind("edge"):
@@ -74,4 +73,4 @@ def _earth(location: Element | None, notes: list[str]) -> Inverse | None:
     return lambda x, y: geographic(projection, x - east, y - north)
 
 
-READER = Reader("SUMO", (".xml",), "<net[ >]", read)
+READER = Reader("SUMO", (".xml",), "<net[ >]", _read)
