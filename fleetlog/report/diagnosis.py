@@ -37,9 +37,12 @@ def in_short(facts: Facts) -> list[str]:
         first = v.findings[0]
         out.append(f"{'The largest: ' if v.findings[1:] else ''}{first.statement}. {advice(first)}.")
     for c in [c for c in v.channels if c.judged][:1]:
+        # Of a short log the noise is known roughly: one above the error says no more than that.
+        lower = c.after is not None and c.floor is not None and c.floor < c.after
+        noise = f"; noise alone makes {_share(c.floor)}" if lower else ", no more than noise alone may make"
         out.append(
             f"On trips that it has not seen, the error of {_plain(c.name)} is {_share(c.before)} "
-            f"without and {_share(c.after)} with what was found; noise alone makes {_share(c.floor)}."
+            f"without and {_share(c.after)} with what was found{noise}."
         )
     return out
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Figures = dict[str, Any]
 LISTED = 30  # Entries of a list that are shown
+UNITS = {"m": "m", "s": "s", "km": "km", "kwh": "kWh", "kg": "kg", "w": "W"}
 
 
 @verb()
@@ -56,7 +57,8 @@ def told(figures: Figures) -> list[str]:
 def _lines(figures: Figures, indent: str = "  ") -> Iterator[str]:
     """Each figure behind its name; what holds figures or sentences of its own goes below."""
     for name, value in figures.items():
-        label = indent + name.replace("_", " ")
+        quantity, _, unit = name.rpartition("_")
+        label = indent + (f"{quantity} [{UNITS[unit]}]" if unit in UNITS else name).replace("_", " ")
         parts = list(value.values() if isinstance(value, dict) else value) if _holds(value) else []
         if not any(_holds(part) or " " in str(part) for part in parts):
             yield f"{label:<18} {_inline(value)}"
