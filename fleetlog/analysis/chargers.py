@@ -11,19 +11,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.occupancy import maps
-from fleetlog.analysis.placement.demand import Unit, day_of
-from fleetlog.analysis.placement.plan import (
-    Demand,
-    Method,
-    Metric,
-    Question,
-    Variant,
-    choose,
-    driving_costs,
-    stability,
-    weigh,
-)
+from fleetlog.analysis import occupancy as maps
+from fleetlog.analysis.placement import plan
 from fleetlog.analysis.placement.report import lines_of, site_table, summarise, try_plan, vertex_table
 from fleetlog.core.arguments import Between, Count, Duration, Seed, seconds
 from fleetlog.core.arrays import Ints
@@ -39,8 +28,9 @@ NEAR = 8.0  # A charger that stands this close to a chosen vertex is the one tha
 
 
 def chargers(
-    dataset: Dataset, *, k: Annotated[int, Between(1, 10_000, whole=True)] = 5, method: Method = "pmedian",
-    variant: Variant = "flow", demand: Demand = "urgency", metric: Metric = "distance",
+    dataset: Dataset, *, k: Annotated[int, Between(1, 10_000, whole=True)] = 5,
+    method: plan.Method = "pmedian", variant: plan.Variant = "flow", demand: plan.Demand = "urgency",
+    metric: plan.Metric = "distance",
     shortest: Annotated[float, Between(0.0, 1e6)] = 60.0, spacing: Annotated[float, Between(0.0, 1e6)] = 30.0,
     radius: Annotated[float, Between(0.0, 1e6)] = 30.0,
     alpha: Annotated[float, Between(0.0, 1.0, below=True)] = 0.85, force: tuple[str, ...] = (),
@@ -83,18 +73,17 @@ def chargers(
         what = "the dataset has no roads, and sites are chosen among road vertices"
         raise DataError(what, do="import it with --site")
     existing = tuple(p.id for p in dataset.site.places if p.kind == "charge") if keep_existing else ()
-    q = Question(
-        network, driving_costs(network, metric, truck), k, method, variant, demand, metric, spacing, radius,
-        alpha, _vertices(dataset, network, (*force, *existing)), _vertices(dataset, network, forbid),
-        capacity,
-    )  # fmt: skip
-    units = list(each_day(dataset, day_of, shortest, kinds=(Unit,)))
+    cost = plan.driving_costs(network, metric, truck)
+    must, must_not = (_vertices(dataset, network, names) for names in ((*force, *existing), forbid))
+    where = spacing, radius, alpha, must, must_not, capacity
+    q = plan.Question(network, cost, k, method, variant, demand, metric, *where)
+    units = list(each_day(dataset, plan.day_of, shortest, kinds=(plan.Unit,)))
     if not any(u.visits for u in units):
         what = "no truck was seen to pass from one road to the next"
         raise DataError(what, do="check that log and map belong together")
-    weighed = weigh(units, q)
-    choice = choose(weighed, q)
-    summary = summarise(units, q, weighed, choice) | {"stability": stability(units, choice, q)}
+    weighed = plan.weigh(units, q)
+    choice = plan.choose(weighed, q)
+    summary = summarise(units, q, weighed, choice) | {"stability": plan.stability(units, choice, q)}
     sites = site_table(units, q, weighed, choice)
     sites["existing"] = _standing(dataset, sites, demand)
     if check and truck is not None:
@@ -118,13 +107,12 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
             here = (places[name].x, places[name].y)
             out.append(int(np.hypot(*(network.node_points[:, :2] - here).T).argmin()))
         else:
-            raise DataError(
-                f"no road vertex and no place is called {name!r}", do=nearest(name, [*index, *places])
-            )
+            do = nearest(name, [*index, *places])
+            raise DataError(f"no road vertex and no place is called {name!r}", do=do)
     return np.array(sorted(set(out)), dtype=np.int64)
 
 
-def _standing(dataset: Dataset, sites: pd.DataFrame, demand: Demand) -> list[str]:
+def _standing(dataset: Dataset, sites: pd.DataFrame, demand: plan.Demand) -> list[str]:
     """The site's chargers that stand where one is chosen: these are kept, not built a second time."""
     present = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
     spots = zip(sites["x"], sites["y"], strict=True)

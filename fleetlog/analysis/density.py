@@ -104,11 +104,7 @@ def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:
 
 
 def free_speeds(dataset: Dataset, network: Network) -> Floats:
-    """(E,) speed of an undisturbed truck [m/s].
-
-    The 85th percentile of the speeds driven on the edge, but never far below what the fleet usually makes of
-    a limit: a road that is always jammed must not pass for a slow road.
-    """
+    """(E,) speed [m/s] of an undisturbed truck: the 85th percentile driven, not far below a limit's usual."""
     days = each_day(dataset, _driven, kinds=(np.ndarray,), cost=0.3e-6)
     rows = pd.DataFrame(np.concatenate([*days], axis=1).T, columns=["key", "count"])
     driven = rows.groupby("key", as_index=False).sum()
@@ -122,6 +118,7 @@ def free_speeds(dataset: Dataset, network: Network) -> Floats:
         usual = float(_percentiles(driven.assign(edge=0).sort_values("speed"), least=1).iloc[0])
     ratio = float(np.median(p85[both] / limit[both])) if both.any() else 1.0
     expected = np.where(np.isfinite(limit), limit * ratio, usual)
+    # A road that is always jammed must not pass for a slow road.
     return np.asarray(np.fmax(p85, 0.8 * expected), dtype=np.float64)
 
 

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.energybook import tables as of
-from fleetlog.analysis.energybook.book import BIN, Book, gathered, keep_book
+from fleetlog.analysis import energybook as of
+from fleetlog.analysis.energybook import BIN, Book, gathered, keep_book
 from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.arrays import Floats
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
@@ -30,6 +30,10 @@ COLUMNS = (
     "x", "y", "z", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
     "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature",
 )  # fmt: skip
+SAID = {
+    "power": "the power channel", "voltage and current": "voltage times current",
+    "soc": "the change of the state of charge",
+}  # fmt: skip
 
 
 def energy(
@@ -48,8 +52,7 @@ def energy(
     if not dataset.rows:
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
-    battery = battery_of(physics.actual_truck, chemistry)
-    asked = physics, battery, _sources(physics)
+    asked = physics, battery_of(physics.actual_truck, chemistry), _sources(physics)
     days = each_day(dataset, _vehicle_day, *asked, kinds=(Book,), cost=ROW_COST)
     books = [book for day in days for book in day]
     if not books:
@@ -58,9 +61,8 @@ def energy(
     # The dearest term first.
     total = segments.filter(like="J_").sum().abs().sort_values(ascending=False, kind="stable")
     terms = [name.removeprefix("J_") for name in total.index]
-    segments = of.with_soc(
-        segments[[*segments.columns.difference(total.index, sort=False), *total.index]], truck
-    )
+    others = segments.columns.difference(total.index, sort=False)
+    segments = of.with_soc(segments[[*others, *total.index]], truck)
     segments["shift"] = of.shift_names(segments["hour"], sorted(shifts))
     segments["hour"], segments["all"] = pd.to_datetime(segments["hour"], unit="us", utc=True), "all"
     keys = {
@@ -106,12 +108,6 @@ def _sources(physics: Physics) -> list[str]:
     """The code of the terms: a user may change his own between two runs."""
     modules = {t.function.__module__ for t in physics.active() if t.function is not None}
     return [inspect.getsource(sys.modules[name]) for name in sorted(modules) if name in sys.modules]
-
-
-SAID = {
-    "power": "the power channel", "voltage and current": "voltage times current",
-    "soc": "the change of the state of charge",
-}  # fmt: skip
 
 
 def _lines(s: dict[str, Any]) -> list[str]:

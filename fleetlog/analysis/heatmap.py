@@ -1,7 +1,4 @@
-"""Heat maps: time, passages, mean speed, energy and standing time, on the floor and on the roads.
-
-The sums are those of :mod:`fleetlog.analysis.occupancy.maps`; they add over days, vehicles and shifts.
-"""
+"""Heat maps: time, passages, mean speed, energy and standing time, on the floor and on the roads."""
 
 import functools
 from pathlib import Path
@@ -10,8 +7,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.occupancy import maps
-from fleetlog.analysis.occupancy.maps import Grouping, HeatMap, Quantity
+from fleetlog.analysis import occupancy as maps
+from fleetlog.analysis.occupancy import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Network

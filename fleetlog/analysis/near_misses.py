@@ -32,6 +32,7 @@ PLACE = ("x", "y", "heading")
 COLUMNS = (*PLACE, "speed")
 TABLE = ("start", "vehicle_a", "vehicle_b", "ttc_s", "pet_s", "kind", "closing_speed", "x", "y")
 WORST = 12
+RAW = ("time", "a", "b", "ttc", "pet", "angle", "closing", "x", "y")
 
 
 def near_misses(
@@ -120,12 +121,7 @@ def _gridded(t: Trajectory) -> pd.DataFrame:
     values = (x, y, np.cos(heading), np.sin(heading), np.nan_to_num(speed))
     x, y, east, north, speed = (np.interp(step * size, t.time, v) for v in values)
     norm = np.maximum(np.hypot(east, north), 1e-9)
-    return pd.DataFrame(
-        {"step": step, "x": x, "y": y, "east": east / norm, "north": north / norm, "speed": speed}
-    )
-
-
-RAW = ("time", "a", "b", "ttc", "pet", "angle", "closing", "x", "y")
+    return pd.DataFrame(dict(step=step, x=x, y=y, east=east / norm, north=north / norm, speed=speed))
 
 
 def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, width: float) -> Floats:
@@ -157,10 +153,8 @@ def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, wid
 
 
 def time_to_contact(gap: Floats, velocity: Floats, distance: float) -> Floats:
-    """(N,) seconds until points with a ``gap`` ((N, 2) m) and relative ``velocity`` are ``distance`` apart.
-
-    inf where they never are; -1 where they are closer already.
-    """
+    """(N,) seconds until points with a ``gap`` ((N, 2) m) and relative ``velocity`` are ``distance`` apart;
+    inf where they never are, -1 where they are closer already."""
     a, b = (velocity**2).sum(axis=1), (gap * velocity).sum(axis=1)
     c = (gap**2).sum(axis=1) - distance**2
     root = b * b - a * c

@@ -77,9 +77,8 @@ def _marks(table: pd.DataFrame) -> list[Shape]:
 
 def site_text(places: Sequence[Place]) -> str:
     """The places as ``[[place]]`` tables of a site file."""
-    return "\n".join(
-        f'[[place]]\nid = "{p.id}"\nkind = "{p.kind}"\nx = {p.x:.2f}\ny = {p.y:.2f}' for p in places
-    )
+    table = '[[place]]\nid = "{0.id}"\nkind = "{0.kind}"\nx = {0.x:.2f}\ny = {0.y:.2f}'
+    return "\n".join(map(table.format, places))
 
 
 ANALYSIS = stops

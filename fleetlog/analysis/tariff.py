@@ -77,10 +77,7 @@ def _hours(begin: int, end: int, days: list[int]) -> Mask:
 
 
 def costs(used: pd.Series, charged: pd.Series, local: pd.Series, tariff: Tariff) -> tuple[Floats, Floats]:
-    """(N,) cost and kg of CO2 of the energy used (kWh by row), at the mean price of the energy charged.
-
-    Where no charging was recorded, at the price of the hour in which it was used.
-    """
+    """(N,) cost, kg of CO2 of energy used (kWh), at the mean price of charging, else of the hour of use."""
     price, co2 = tariff.at(local)
     weight = charged.to_numpy(float)
     if weight.sum() > 0.0:

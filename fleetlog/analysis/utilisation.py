@@ -47,11 +47,8 @@ CHARGER, SHORTEST_CHARGE = 100.0, 20.0
 """A battery that takes more than this on average [W] over a standstill of this length [s] is charged; what
 flows back while a truck brakes may be logged when it stands already."""
 COLUMNS = ("speed", "payload", "fork_height", "battery_power", "soc", "charging")
-QUARTER = 900_000_000
-"""Intervals are cut at quarters of an hour [us]: on these, hours of every time zone begin."""
+QUARTER = 900_000_000  # Intervals are cut at quarters of an hour [us], at which hours of any time zone begin
 MOST_QUARTERS = 4_000_000  # Of all vehicles together: a hundred vehicles for a year
-
-NO_TIME = "No truck has two rows: there is no time to divide."
 
 
 def utilisation(dataset: Dataset) -> Result:
@@ -70,7 +67,8 @@ def utilisation(dataset: Dataset) -> Result:
     shares = {s: float(total[s] / known) if known else None for s in STATES if s != "no_data"}
     summary = {"hours": {s: float(total[s]) for s in STATES}, "shares": shares}
     said = listed([f"{s.replace('_', ' ')} {percent(v)}" for s, v in shares.items() if v and v >= 0.005])
-    lines = [f"{known:.1f} truck hours: {said}."] if known else [NO_TIME]
+    nothing = "No truck has two rows: there is no time to divide."
+    lines = [f"{known:.1f} truck hours: {said}." if known else nothing]
     if len(hours) > 1 and total["idle"]:
         idle = hours["idle"] / hours.drop(columns="no_data").sum(axis=1).clip(lower=1e-9)
         lines.append(f"{idle.idxmax()} is idle most: {percent(idle.max())} of its time.")

@@ -123,10 +123,8 @@ class Answer(Result):
 def destination(
     output: PathLike | None, kind: str, overwrite: bool, read: Iterable[Any], folder: bool = True
 ) -> Iterator[Callable[[Answer], Answer]]:
-    """Check and hold the place of an output; the function that is given writes an answer there.
-
-    Without ``output`` the answer stays in memory.  The files among ``read``, arguments, are not written over.
-    """
+    """Check and hold the place of an output; the function that is given writes an answer there, or keeps it
+    without ``output`` in memory.  The files among ``read``, arguments, are not written over."""
     from fleetlog.store.documents import write_json
     from fleetlog.store.output import atomic_output
 

@@ -1,8 +1,4 @@
-"""Arguments of the functions of the library: what they may be, and what they hold.
-
-To a type checker ``DatasetLike`` and its like are unions of types; to the commands they are values with their
-names in help.
-"""
+"""Arguments of the functions of the library: unions of types to a type checker, to commands named values."""
 
 import os
 from collections.abc import Callable, Sequence

@@ -147,17 +147,11 @@ JOBS = (
     Option("scheduler", None, SHARED["scheduler"], check=Named("ADDRESS")),
 )
 """Where jobs run."""
-
-
 Fill = Callable[[dict[str, Any], dict[str, Option]], dict[str, Any]]
 
 
 class Verb:
-    """A callable with checked arguments.
-
-    ``fill`` takes what was given and the options by name, and adds arguments (a file's, say).  ``added`` are
-    options that the function does not take itself.
-    """
+    """A callable with checked arguments; ``fill`` adds some (a file's), ``added`` options are not its own."""
 
     def __init__(
         self, function: Callable[..., Any], fill: Fill | None = None, name: str = "",
@@ -213,8 +207,5 @@ class Verb:
 
 
 def verb(jobs: bool = False, fill: Fill | None = None) -> Callable[[F], F]:
-    """Check the arguments of a function of the library; its type stays.
-
-    With ``jobs`` it takes ``workers`` and ``scheduler``, which say where its jobs run.
-    """
+    """Check the arguments of a function; its type stays.  With ``jobs`` it says where its jobs run."""
     return lambda function: Verb(function, fill, added=JOBS if jobs else ())  # type: ignore[return-value]

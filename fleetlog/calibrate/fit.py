@@ -13,27 +13,64 @@ held one can stand in for it, is *tied*: the runs carry a combination of the two
 *fitted*.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from fleetlog.calibrate.observe import Observations, observations, together
-from fleetlog.calibrate.parameters import UNKNOWNS, Unknown
 from fleetlog.core.arrays import Floats, Mask
-from fleetlog.core.truck import Truck
+from fleetlog.core.truck import SECTIONS, Truck
 from fleetlog.physics.power import Physics
 
-LEAST_INFORMATION = 1.0
-"""Of a free number, given those more telling: with less the prior says more than the runs."""
+LEAST_INFORMATION = 1.0  # Of a free number, given more telling ones: with less the prior says more
 CARRIED = 0.25  # A number is fitted if the runs leave at most this share of its prior variance ..
 BORROWED = 0.5  # ... and at most this share of what they leave is doubt about the held ones.
 CONFIDENCE = 0.95  # That all intervals hold at once
 STEP = 1e-3  # Of the numerical derivatives, in prior deviations
-COMPANION = 0.2
-"""A number stands in for a held one if it moves by this when that moves by one (prior deviations)."""
+COMPANION = 0.2  # A number stands in for a held one if it moves by this when that moves by one (deviations)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number of the truck file.
+
+    The prior is normal about the truck file's value with standard deviation ``spread`` (``relative``: a share
+    of the value, at least ``floor``), cut off at what a truck file allows.  ``run`` is what to measure where
+    it stays unknown.
+    """
+
+    key: str
+    words: str
+    spread: float
+    run: str
+    relative: bool = False
+    floor: float = 0.0
+
+    def deviation(self, truck: Truck) -> float:
+        """Standard deviation of the prior, in the parameter's unit."""
+        return max(self.spread * truck.value(self.key), self.floor) if self.relative else self.spread
+
+    @property
+    def in_file(self) -> Mapping[str, Any]:
+        """What a truck file allows: ``unit``, ``low`` and ``high``."""
+        section, name = self.key.split(".")
+        return next(f.metadata for f in fields(SECTIONS[section]) if f.name == name)
+
+
+# Spreads are ours, wide enough for the ranges that type sheets and handbooks give (docs/energy.md).
+UNKNOWNS: tuple[Unknown, ...] = (
+    Unknown("drive.efficiency", "drive efficiency", 0.08, "a coast-down or a ramp of known grade"),
+    Unknown("drive.regeneration", "regeneration", 0.20, "stop-and-go runs beside a coast-down"),
+    Unknown("resistance.rolling", "rolling coefficient", 0.35, "a coast-down", True, 0.001),
+    Unknown("resistance.drag_area", "drag area", 0.5, "long runs at two speeds above 5 m/s", True, 0.5),
+    Unknown("lift.efficiency", "lift efficiency", 0.10, "lifts with half and full load"),
+    Unknown("lift.recuperation", "lowering recuperation", 0.20, "lowering runs with full load"),
+    Unknown("lift.carriage_mass", "carriage mass", 0.30, "lifts with an empty carriage", True, 10.0),
+    Unknown("auxiliary.power", "auxiliary power", 0.50, "ten minutes idle", True, 50.0),
+)
 
 
 @dataclass(frozen=True)
@@ -83,12 +120,11 @@ class Fit:
     observed: Observations
     before: Floats
     after: Floats
-    spread_factor: float
-    """By how much the residuals exceed the stated deviations; the intervals are widened by it."""
+    spread_factor: float  # By how much residuals exceed the stated deviations; intervals are widened by it
 
 
 def calibrate(measurements: Sequence[str | Path], truck: Truck, physics: Physics | None = None) -> Fit:
-    """Fit a truck to datasets and CSV tables (:class:`fleetlog.calibrate.runs.Run`), ``physics`` given."""
+    """Fit a truck to datasets and CSV tables (:class:`fleetlog.calibrate.observe.Run`), ``physics`` given."""
     base = Physics(truck) if physics is None else Physics(truck, physics.values, physics.off, physics.fields)
     return fit(together([observations(Path(m), base) for m in measurements]), base)
 
@@ -132,7 +168,7 @@ class _Problem:
         self.observed, self.physics = observed, physics
         self.prior = np.array([physics.truck.value(u.key) for u in UNKNOWNS])
         self.spread = np.array([u.deviation(physics.truck) for u in UNKNOWNS])
-        self.bounds = np.array([u.bounds() for u in UNKNOWNS]).T
+        self.bounds = np.array([(u.in_file["low"], u.in_file["high"]) for u in UNKNOWNS], float).T
         self.low, self.high = (self.bounds - self.prior) / self.spread
 
     def truck(self, z: Floats) -> Truck:

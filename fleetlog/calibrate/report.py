@@ -112,7 +112,5 @@ def _note(e: Estimate, fit: Fit) -> str:
         return f"fitted: {e.low:.4g} to {e.high:.4g}"
     if e.status == "held":
         return "not carried by these runs: as in the truck file before"
-    words = [
-        f"; measured is only {combination_words(c)}" for c in fit.combinations if c.powers[0][0] == e.unknown
-    ]
-    return "".join(["goes with the held numbers", *words])
+    mine = (combination_words(c) for c in fit.combinations if c.powers[0][0] == e.unknown)
+    return "".join(["goes with the held numbers", *(f"; measured is only {words}" for words in mine)])

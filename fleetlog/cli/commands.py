@@ -1,7 +1,4 @@
-"""Commands read from the functions of the library: their options are its arguments.
-
-A command adds only how its answer is told: ``--json``, ``-q``, ``-v``; on a terminal with how far a run is.
-"""
+"""Commands read from the functions of the library: their options are its arguments; how answers are told."""
 
 from __future__ import annotations
 
@@ -35,6 +32,7 @@ OPTIONAL_OUTPUT = {"import", "demo", "view", "info"}
 
 # Help breaks between words only, not at the hyphens of options and names.
 textwrap.TextWrapper.wordsep_re = textwrap.TextWrapper.wordsep_simple_re
+TABLE_GAP = "  "  # Two blanks within a line: columns, which are not wrapped
 
 
 class Listed(click.Group):
@@ -128,8 +126,6 @@ def _run(verb: Verb, as_json: bool, quiet: bool, verbose: bool, **values: Any) -
 if TYPE_CHECKING:
     from fleetlog.api.answer import Answer
     from fleetlog.api.verb import Verb
-
-TABLE_GAP = "  "  # Two blanks within a line: columns, which are not wrapped
 
 
 def tell(verb: Verb, given: dict[str, Any], *, as_json: bool, quiet: bool, verbose: bool) -> int:

@@ -16,7 +16,7 @@ from fleetlog.analysis.density import density
 from fleetlog.analysis.energy import energy
 from fleetlog.analysis.heatmap import heatmap
 from fleetlog.analysis.near_misses import near_misses
-from fleetlog.analysis.occupancy.maps import extent
+from fleetlog.analysis.occupancy import extent
 from fleetlog.analysis.speeding import speeding
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.tariff import Tariff, costs

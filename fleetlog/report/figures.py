@@ -14,10 +14,7 @@ from fleetlog.report.facts import Facts
 
 @dataclass(frozen=True)
 class Figure:
-    """``factor`` times the sum of a column, over the sum of another one where there is one.
-
-    ``title``: shown large at the head of the page.
-    """
+    """``factor`` times a column's sum, over that of another if any; ``title``: large at the page's head."""
 
     name: str
     label: str
@@ -101,15 +98,11 @@ class Difference:
         return "p < 0.01" if self.p_value < 0.01 else f"p = {self.p_value:.2f}"
 
 
-FEWEST, DRAWS = 4, 2000
-"""Fewest units on either side of a statement of significance; permutations, and resamples."""
+FEWEST, DRAWS = 4, 2000  # Fewest units on either side to tell significance; permutations, and resamples
 
 
 def compare(a: pd.DataFrame, b: pd.DataFrame, figure: Figure, seed: int = 0) -> Difference | None:
-    """Compare a ratio between two tables of truck days, which are exchangeable if nothing has changed.
-
-    None where either lacks it or has fewer than ``FEWEST`` units: a difference then says nothing.
-    """
+    """Compare a ratio of two tables of truck days, exchangeable if nothing changed; None: too few to tell."""
     if figure.under is None or not all({figure.top, figure.under} <= set(t) for t in (a, b)):
         return None
     sums = [t.loc[t[figure.under] > 0.0, [figure.top, figure.under]].to_numpy(float) for t in (a, b)]
@@ -137,8 +130,7 @@ def _ratio(sums: Floats) -> Floats:
 def holm(p_values: list[float]) -> list[float]:
     """Return p-values corrected for their number (Holm 1979)."""
     p = pd.Series(p_values, dtype=float).sort_values(kind="stable")
-    raised = (p * np.arange(len(p), 0, -1)).cummax().clip(upper=1.0)
-    return raised.sort_index().tolist()
+    return (p * np.arange(len(p), 0, -1)).cummax().clip(upper=1.0).sort_index().tolist()
 
 
 @dataclass(frozen=True)

@@ -51,22 +51,10 @@ def report(
     datasets: Sequence[Dataset], *, truck: Truck | None = None, tariff: Path | None = None,
     timezone: str | None = None, diagnosis: bool = True,
 ) -> Report:  # fmt: skip
-    """Report on one dataset, or compare two.
+    """Report on one dataset, or on how a second one differs from it; arguments as of :func:`fleetlog.report`.
 
-    Parameters
-    ----------
-    datasets : one or two, recorded or simulated; of two, differences are those of the second from the first.
-    truck : gives energy by cause, and what its model leaves out.
-    tariff : file of prices and carbon intensity by hour; see :mod:`fleetlog.analysis.tariff`.
-    timezone : of the hours, as ``Europe/Berlin``; that of the first dataset's site by default.
-    diagnosis : whether to run the diagnosis of recordings where a truck is given; it takes longest.
-
-    Raises
-    ------
-    ArgumentError
-        There are no datasets or more than two, or the time zone is none.
-    InputError
-        A file is at fault.
+    Raises :class:`ArgumentError` for none or more than two, or what is no time zone, :class:`InputError` for
+    a file at fault (a ``tariff``: see :mod:`fleetlog.analysis.tariff`).
     """
     if not 1 <= len(datasets) <= 2:
         raise ArgumentError(f"a report takes one or two datasets, not {len(datasets)}")

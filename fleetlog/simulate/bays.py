@@ -1,7 +1,4 @@
-"""Where trucks stand beside the road: a bay at every place, reached from a lane over a spur.
-
-Where a site has no places, or too few, bays are drawn along its roads.
-"""
+"""Where trucks stand beside the road: bays at places, or along its roads where a site has too few of them."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -38,8 +35,7 @@ class BayMaker:
         lanes = len(track.network)
         self._lane_tree = cKDTree(np.column_stack([track.x, track.y])[: track.first[lanes]])
         self.radii = [share * truck.chassis.turn_radius for share in SHARES]
-        self.lasting = np.ones(lanes, dtype=bool)
-        """(E,) lanes that bays may lie on."""
+        self.lasting = np.ones(lanes, dtype=bool)  # (E,) lanes that bays may lie on
         self.bays: list[Bay] = []
         boxes = np.column_stack([track.x, track.y, track.heading])
         self._ground = new_cells(track.x, track.y, 2.0 * float(np.hypot(*self.half)), len(boxes))
@@ -59,8 +55,7 @@ class BayMaker:
         return sorted((gap, lane, at) for lane, (gap, at) in found.items())
 
     def place(self, place: Place) -> Bay | None:
-        """Where recorded trucks stood along the road; else a bay on the nearest free ground, rather one that
-        both lanes of its road lead to; or None."""
+        """Where recorded trucks stood; else the nearest free ground, best one both lanes lead to; or None."""
         stand = self.stands.get(place.id)
         if stand is not None:
             near = self.lanes_near(stand.x, stand.y)
@@ -132,10 +127,8 @@ class BayMaker:
         return Door(lane, at, moved(shape, x, y, heading), length, max(radius + self.half[1], self.half[0]))
 
     def _fits(self, door: Door, both: bool) -> bool:
-        """Whether there is room for a door, with ``both`` also for one from the opposite lane.
-
-        No piece or bay touches its ground, no bay or safe part of other lanes its spur.
-        """
+        """Whether there is room for a door, with ``both`` also for one from the opposite lane: no piece
+        or bay touches its ground, no bay or safe part of other lanes its spur."""
         from fleetlog.simulate.kernels.geometry import spur_is_free
 
         j, lane, reverse = self.junctions, door.lane, int(self.track.network.reverse[door.lane])

@@ -1,18 +1,23 @@
-"""Demand like a recording's: who carried what when, what trucks did next, and tasks drawn like that."""
+"""A fleet like a recording's: who carried what when, what trucks did next, how they were driven."""
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
+from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.simulate.doors import recorded_stands
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
+from fleetlog.simulate.state import DRIVER, PLAN
 from fleetlog.simulate.tasks import Demand, Task, Visit
+from fleetlog.simulate.track import SWING, Track, build_track
 from fleetlog.simulate.ways import recorded_turns, with_turns
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MIN_LOAD_CHANGE
@@ -20,13 +25,19 @@ from fleetlog.store.trips import MIN_LOAD_CHANGE
 JITTER = 120.0  # A drawn task comes this much earlier or later than the recorded one at most [s]
 DAY = 86_400.0
 NEARBY = 3600.0  # What was done within this time of day is drawn first [s]
+LEAST = 30.0  # Seconds of cruising, of speeding up, of braking, of turning that tell what a driver does there
+STEADY, CHANGES = 0.08, 0.15  # Below the first a truck keeps its speed, above the second it changes it [m/s2]
+STRAIGHT, TURNS = 0.03, 0.1  # Less curved roads are straight; on more curved ones a truck turns [1/m]
+NEAR, FEW = 2.0, 10
+"""A truck is slowest within so many seconds of where it goes over to the next edge; turns that are enough."""
+SHARE = 0.6  # A little above the middle: rows once a second round off the highest values
+MOST = 16  # Drivers that are told apart; of more, neighbours in speed are one
 
 
 def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
     """Every load that the recording shows: taken up at one place, set down at another by the same truck.
 
-    ``earliest`` is the time of day [s] at which the truck set off to fetch it.  Recorded trucks mostly stood
-    on the road, so the way into a bay and out of it counts as time at the place.
+    ``earliest``: the time of day [s] when it set off for it.  Ways into bays count as time at the place.
     """
     tasks: list[Task] = []
     change, held = stands.after - stands.before, -1
@@ -91,10 +102,7 @@ def like(
     dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int,
     same: bool = False,
 ) -> tuple[Site, Demand, list[str]]:  # fmt: skip
-    """The site with a recording's places, demand like its own, and notes.
-
-    The ``same`` fleet goes from place to place as the recorded one; any other shares out tasks like its.
-    """
+    """The site with a recording's places, demand like its own (of the ``same`` fleet its ways), and notes."""
     stands = find_stands(dataset)
     cluster = clusters(stands)
     table = place_table(stands, cluster)
@@ -123,11 +131,7 @@ def like(
 
 
 def visits_of(stands: Stands, cluster: Ints, names: Sequence[str], apart: Iterable[str]) -> tuple[Visit, ...]:
-    """The visits of all trucks, in order of truck and time.
-
-    Stops at the places ``apart`` are none (chargers: trucks charge when they must), nor are those with a load
-    that stays on the forks.
-    """
+    """The visits of all trucks, by truck and time; none ``apart`` (chargers), none with a load that stays."""
     taken = np.where(stands.after > MIN_LOAD_CHANGE, stands.after - stands.before, 0.0)
     taken = np.where((stands.before > MIN_LOAD_CHANGE) & (taken <= 0.0), -stands.before, taken)
     carried = (stands.before > MIN_LOAD_CHANGE) & (stands.after > MIN_LOAD_CHANGE)
@@ -152,11 +156,10 @@ def at_places(visits: Sequence[Visit], known: Collection[str]) -> tuple[Visit, .
 
 
 class Itineraries:
-    """Draws the next visit of each truck from what recorded trucks did next at the same place, with as much
-    on the forks.
+    """Draws a truck's next visit from those that recorded trucks made next, as laden, from the same place.
 
-    Of those that are possible now it is one that was drawn least, so that every recorded trip is driven
-    about equally often; first of those at this time of day.  ``of`` (V,) is the visit of each truck.
+    The possible one that was drawn least, so that every recorded trip is driven about equally often; first
+    those at this time of day.  ``of`` (V,) is the visit of each truck.
     """
 
     def __init__(self, visits: Sequence[Visit], trucks: int, seed: int, start: float) -> None:
@@ -165,11 +168,10 @@ class Itineraries:
         self._rng = np.random.Generator(np.random.PCG64([seed, 7]))
         self._begin, self._drawn = np.array([v.begin for v in visits]), np.zeros(len(visits), np.int64)
         self._after = defaultdict[tuple[str, bool], list[int]](list)
-        self._any = {
-            laden: [k for k, v in enumerate(visits) if (v.taken < 0.0) == laden] for laden in (False, True)
-        }
+        drops = [v.taken < 0.0 for v in visits]
+        self._any = {laden: [k for k, d in enumerate(drops) if d == laden] for laden in (False, True)}
         for visit in visits:
-            if visit.next >= 0 and (visits[visit.next].taken < 0.0) == visit.loads:
+            if visit.next >= 0 and drops[visit.next] == visit.loads:
                 self._after[visit.place, visit.loads].append(visit.next)
 
     def first(self, v: int, is_open: Callable[[str], bool]) -> Visit | None:
@@ -200,3 +202,64 @@ class Itineraries:
         self.of[v] = drawn
         self._drawn[drawn] += 1
         return self.visits[drawn]
+
+
+def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
+    """The truck as each vehicle of a recording was driven."""
+    track = build_track(dataset.site.roads(), truck, dataset.site.traffic)
+    found = []
+    for vehicle in dataset.vehicles:
+        rows = measured_channels(dataset.read(vehicle), dataset.meta)
+        one = reconstruct(rows, dataset.site.network, truck).motion if len(rows) > 1 else None
+        found.append(truck if one is None else driven(one, dataset.site, truck, track))
+    out = list(found)
+    by_speed = np.argsort([t.drive.speed_factor for t in found], kind="stable")
+    for group in np.array_split(by_speed, min(len(found), MOST)):
+        drives = [found[k].drive for k in group]
+        mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
+        for k in group:
+            out[k] = replace(truck, drive=replace(truck.drive, **mean))
+    return tuple(out)
+
+
+def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:
+    """The truck with the typical speed, acceleration and braking of a recorded motion."""
+    speed, change = motion.speed, motion.acceleration
+    # The last one holds off the roads, where the edge is -1.
+    signs = np.append(np.nan_to_num(site.roads().speed_limit, nan=np.inf), np.inf)
+    limit = np.minimum(signs[motion.edge], site.zone_limit(motion.x, motion.y))
+    limit = np.minimum(limit, truck.drive.max_speed)
+    straight = (speed > 0.5) & (motion.dt > 0.0) & (np.abs(motion.curvature) < STRAIGHT)
+    steady, slow = straight & (np.abs(change) < STEADY), straight & (speed < 0.8 * limit)
+    asked = {
+        "speed_factor": _typical(speed / limit, steady & (speed > 0.6 * limit), motion.dt),
+        "max_acceleration": _typical(change, slow & (change > CHANGES), motion.dt),
+        "max_deceleration": _typical(-change / PLAN, slow & (change < -CHANGES), motion.dt),
+        "max_lateral_acceleration": _in_turns(motion, track),
+    }
+    known = {name: value for name, value in asked.items() if value is not None}
+    return replace(truck, drive=replace(truck.drive, **known))
+
+
+def _in_turns(motion: Motion, track: Track) -> float | None:
+    """The lateral acceleration [m/s2] that the turns as they are drawn take at the recorded speeds."""
+    changes = np.flatnonzero((np.diff(motion.edge) != 0) & (motion.edge[1:] >= 0) & (motion.edge[:-1] >= 0))
+    found = []
+    for k in changes.tolist():
+        piece = track.by_turn.get((int(motion.edge[k]), int(motion.edge[k + 1])), -1)
+        near = slice(*np.searchsorted(motion.time, motion.time[k] + np.array([-NEAR, NEAR])))
+        if piece >= 0:
+            path = track.curvature[track.first[piece] : track.first[piece + 1]]
+            bend, turn = float(np.abs(path).max()), abs(float(path.sum()) * track.spacing[piece])
+            if bend > TURNS and turn < SWING:
+                found.append(float(motion.speed[near].min()) ** 2 * bend)
+    # Who has just set off, or waits, is slower than the turn asks for.
+    return round(float(np.quantile(found, 0.85)), 3) if len(found) >= FEW else None
+
+
+def _typical(values: Floats, chosen: Mask, weight: Floats) -> float | None:
+    """What was chosen is below this for ``SHARE`` of its time; None where it is too little."""
+    if weight[chosen].sum() < LEAST:
+        return None
+    typical = np.quantile(values[chosen], SHARE, weights=weight[chosen], method="inverted_cdf")
+    return round(float(typical), 3)

@@ -45,8 +45,7 @@ class Dispatcher(Occupancy):
         times = spur_times(world)
         ways_in = enumerate(world.ways.of_bay)
         spurs = [0.0 if world.doors[b].passed else times[b] + times[d].max() for b, d in ways_in]
-        self.manoeuvre = np.array(spurs)
-        """(B,) seconds that the ways into a bay and out of it take."""
+        self.manoeuvre = np.array(spurs)  # (B,) seconds that the ways into a bay and out of it take
         self.itineraries = Itineraries(demand.visits, len(names), seed, start) if demand.visits else None
         self.settle(self._first)
 

@@ -1,8 +1,6 @@
 """The ways into a bay: from its own lane, and across it from the opposite one, to turn round.
 
-A recording that shows trucks stop in the direction of the road says that there is room beside them, wherever
-the map has it: no bay is drawn there, and others pass who stands.  Nothing of a way into a bay is in such
-trips, and the simulated ones must not have it either.
+Where recorded trucks stop along the road there is room beside them: no bay is drawn, and others pass.
 """
 
 from collections.abc import Sequence
@@ -88,8 +86,7 @@ def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_wid
     toward = float(track.heading[k])
     turn = float(np.angle(np.exp(1j * (heading - toward))))
     shape, length = _bow(round(ahead, 3), round(left, 3), round(turn, 4))
-    path = moved(shape, track.x[k], track.y[k], toward)
-    return Door(lane, at, path, length, ahead + half_width)
+    return Door(lane, at, moved(shape, track.x[k], track.y[k], toward), length, ahead + half_width)
 
 
 @lru_cache(maxsize=4096)
@@ -158,9 +155,8 @@ def turning_door(track: Track, junctions: Junctions, truck: Truck, own: Door) ->
     path, length = _half_turn(start, stands, float(track.heading[rows][k]))
     reach = 0.5 * (float(np.hypot(*side)) + truck.chassis.length)
     crossed = own.lane if junctions.capacity[own.lane] > 0 else -1
-    return Door(
-        lane, at, path, length, reach, own.bay, crossed, max(own.at - reach, 0.0), own.at + reach, passed=True
-    )
+    crossing = crossed, max(own.at - reach, 0.0), own.at + reach
+    return Door(lane, at, path, length, reach, own.bay, *crossing, passed=True)
 
 
 def _half_turn(start: Floats, end: Floats, heading: float) -> tuple[Floats, float]:
@@ -174,25 +170,21 @@ def _half_turn(start: Floats, end: Floats, heading: float) -> tuple[Floats, floa
 
 def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck) -> list[Door]:
     """Door b of bay b on its own lane, for every bay; then those on opposite lanes that have room."""
-    half = half_box(truck)
     own = [replace(bay.door, bay=b) for b, bay in enumerate(bays)]
     passed = [d for d in own if d.passed and bays[d.bay].turns]
     opposite = [d for door in passed if (d := turning_door(track, junctions, truck, door)) is not None]
     todo = [b for b, bay in enumerate(bays) if not bay.door.passed]
     for share in SHARES:
-        radius = share * truck.chassis.turn_radius
-        tried = ((b, opposite_spur(track, junctions, bays[b].door, radius, half[1])) for b in todo)
+        radius, half_width = share * truck.chassis.turn_radius, half_box(truck)[1]
+        tried = ((b, opposite_spur(track, junctions, bays[b].door, radius, half_width)) for b in todo)
         found = [replace(d, bay=b) for b, d in tried if d is not None]
-        good = _checked(track, junctions, bays, found, half)
+        good = _checked(track, junctions, bays, found, truck)
         opposite += good
-        done = {d.bay for d in good}
-        todo = [b for b in todo if b not in done]
+        todo = sorted({*todo} - {d.bay for d in good})
     return own + sorted(opposite, key=lambda d: d.bay)
 
 
-def _checked(
-    track: Track, j: Junctions, bays: list[Bay], doors: list[Door], half: tuple[float, float]
-) -> list[Door]:
+def _checked(track: Track, j: Junctions, bays: list[Bay], doors: list[Door], truck: Truck) -> list[Door]:
     """Those that touch no parked truck and only lanes that they end on or cross; with that crossing."""
     from fleetlog.simulate.kernels.geometry import meetings
 
@@ -211,7 +203,7 @@ def _checked(
     start = samples + len(bays)
     skip = np.full(len(x), -1, np.int32)
     skip[start:] = np.array([d.lane for d in doors])[number]
-    pairs = meetings(x, y, z, heading, owner.astype(np.int32), skip >= 0, *half, skip)
+    pairs = meetings(x, y, z, heading, owner.astype(np.int32), skip >= 0, *half_box(truck), skip)
     a, door = pairs[:, 0], number[np.maximum(pairs[:, 1] - start, 0)]
     on_track, crossed = a < samples, owner[a] == near[door]
     safe = on_track & (j.resource[np.minimum(a, samples - 1)] < 0)

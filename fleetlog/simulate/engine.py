@@ -25,8 +25,7 @@ from fleetlog.store.writer import DatasetWriter
 DEFAULT_START = 1_767_592_800_000_000
 """2026-01-05 06:00 UTC, a Monday: fixed, so that the same seed gives the same bytes [us]."""
 LONGEST = 2048  # Pieces in a route
-TOGETHER = 128
-"""Trucks whose power is worked out at once: arrays that stay in the processor's cache take half the time."""
+TOGETHER = 128  # Trucks whose power is worked out at once: arrays that stay in the processor's cache
 BATCH = 10.0  # Power is worked out for so many seconds at once [s]
 IN_TRAFFIC = np.isin(np.arange(Mode.EMPTY + 1), (Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT))
 """By activity: a truck that stands meanwhile waits for others."""
@@ -47,8 +46,7 @@ class Settings:
     temperature: float = 20.0
     policy: Policy = field(default_factory=Policy)
     battery: BatteryModel | None = None
-    room: int = 0
-    """Trucks for which spots are drawn at least, so that fleets of several sizes meet the same site."""
+    room: int = 0  # Trucks for which spots are drawn at least: fleets of several sizes meet the same site
 
 
 def simulate(
@@ -72,18 +70,16 @@ def simulate(
         For an unreachable place, one off the roads, more trucks than the site can hold.
     """
     settings, demand = settings or Settings(), demand or Demand()
-    names = vehicle_names(settings.vehicles)
     _check(settings)
     # Half the time of a large run is writing, and half of that is packing.
     writer.compression = "snappy"
     trucks = Trucks.given(truck, settings.vehicles)
     world = build_world(site, trucks, settings.vehicles, physics, mined, settings.room, demand.stands)
-    check_vehicles(demand.given, names)
+    check_vehicles(demand.given, vehicle_names(settings.vehicles))
     writer.site = world.site
     demand, notes = reachable(demand, world)
     world.notes.extend(notes)
-    run = Run(world, settings, demand, names, writer)
-    return run.all(progress)
+    return Run(world, settings, demand, writer).all(progress)
 
 
 def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
@@ -124,12 +120,10 @@ def _check(settings: Settings) -> None:
 class Run:
     """One simulation under way."""
 
-    def __init__(
-        self, world: World, settings: Settings, demand: Demand, names: list[str], writer: DatasetWriter
-    ) -> None:
-        self.world, self.settings, self.names = world, settings, names
+    def __init__(self, world: World, settings: Settings, demand: Demand, writer: DatasetWriter) -> None:
+        self.world, self.settings, self.names = world, settings, vehicle_names(settings.vehicles)
         trucks, length = world.trucks, world.truck.chassis.length
-        dt, n, lanes = settings.step, len(names), len(world.track.network)
+        dt, n, lanes = settings.step, len(self.names), len(world.track.network)
         self.fleet = new_fleet(n, lanes, len(world.track), len(world.roads.conflict_first) - 1, LONGEST)
         self.second = max(round(1.0 / dt), 1)
         every = round(settings.interval / dt)
@@ -138,13 +132,14 @@ class Run:
         self.total = int(np.ceil(settings.duration / dt / self.steps)) * self.steps
         self.log = new_log(n, self.steps)
         start = settings.start * 1e-6
-        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, settings.seed, start)
+        given = self.names, demand, settings.policy, settings.seed, start
+        self.dispatcher = Dispatcher(world, self.fleet, *given)
         self.crossings = Crossings(world.site, world.walks, settings.seed)
         self.tally = Tally(self.dispatcher)
         self.events = EventLog(self.dispatcher, writer, settings.start)
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
         self.meter = Meter(world, settings)
-        self.recorder = Recorder(writer, names, world, settings, self.steps, self.total)
+        self.recorder = Recorder(writer, self.names, world, settings, self.steps, self.total)
         self.limits = limits_of([p.actual_truck for p in world.physics], trucks.of, length, GAP)
         self.groups = list(trucks.alike(TOGETHER))
         self.soc_lowest, self.soc_sum, self.waiting = settings.soc, 0.0, 0.0

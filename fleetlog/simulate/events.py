@@ -28,8 +28,7 @@ class EventLog:
         self.used = np.zeros(len(self.matters), dtype=bool)
         self.doing, self.since = np.full((3, trucks), -1), np.zeros(trucks, np.int64)
         """(3, V) activity, place and task; and since when."""
-        self.held = np.zeros((2, 0), np.int64)
-        """(2, N) number of truck and way, and since when."""
+        self.held = np.zeros((2, 0), np.int64)  # (2, N) number of truck and way, and since when
         self._stretches: list[Ints] = []
         self._reserved: list[Ints] = []
 

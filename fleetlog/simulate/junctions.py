@@ -115,10 +115,8 @@ def _follow_each_other(track: Track, a: Index, b: Index) -> Mask:
 
 
 def lanes_at(track: Track, count: int) -> Ints:
-    """(4, count) lanes of resources, -1: none.
-
-    The one that a resource lies at the end of, the one that it lies at the start of, and those that it joins.
-    """
+    """(4, count) lanes of resources, -1: none; the one that a resource lies at the end of, the one that it
+    lies at the start of, and those that it joins."""
     pieces, lanes = len(track), len(track.network)
     out = np.full((4, count), -1)
     out[:2, :lanes] = out[0, pieces : pieces + lanes] = np.arange(lanes)

@@ -10,8 +10,7 @@ from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.state import CHARGER, DROP_PLACE, PICK_PLACE, STANDS, Mode
 from fleetlog.simulate.watch import Count
 
-MATERIAL = 0.1
-"""Places, chargers or traffic limit a fleet that spends more than this share of its time waiting for them."""
+MATERIAL = 0.1  # What a fleet waits for during more than this share of its time limits it
 BUSY = 0.85  # Trucks limit a fleet that has work for more than this share of its time
 PLACES = {
     "pick places": ("pick", PICK_PLACE), "drop places": ("drop", DROP_PLACE), "chargers": ("charge", CHARGER),
@@ -60,8 +59,7 @@ class Tally:
         self.dispatcher = d = dispatcher
         track, network = d.world.track, d.world.track.network
         lane_of = np.where(track.source >= 0, track.source, np.arange(len(track)))
-        self.node = network.end[lane_of]
-        """(P,) the junction that each piece leads to or crosses."""
+        self.node = network.end[lane_of]  # (P,) the junction that each piece leads to or crosses
         self.names = network.node_ids
         self.seconds, self.idle = 0, 0
         self.lacking, self.caused = np.zeros(4), np.zeros(4)

@@ -1,8 +1,5 @@
-"""The same mission as a recording.
-
-Each truck drives the recorded trips at the recorded times, as the model would: each by itself, so that what
-differs from the recording, trip by trip, is the physics and not the traffic, or in one another's way.
-"""
+"""The same mission as a recording, as the model drives it: each truck by itself, so that what differs is the
+physics and not the traffic, or in one another's way."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -41,8 +38,7 @@ class MissionSummary:
     duration_ratio: float
     energy_ratio: float
     own_path: int  # Trips off the roads, which follow their recorded positions
-    lost_share: float | None = None
-    """Of the travel time, lost to other trucks; None where each drives by itself."""
+    lost_share: float | None = None  # Of the travel time, to other trucks; None where each drives by itself
     let_past: int | None = None  # How often a truck was let past another, as each waited for the other
 
 
@@ -107,8 +103,7 @@ def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, i
         if len(stops) < len(_leg(trip).stops):
             trip.leg = replace(_leg(trip), stops=stops)
             trip.drive = replays[u].free_flow(trip.leg)
-    gates = _gates(_nodes(replays, trips, clock), half)
-    return _driven(replays, trips, clock, first, gates)
+    return _driven(replays, trips, clock, first, _gates(_nodes(replays, trips, clock), half))
 
 
 def _leg(trip: Trip) -> Leg:
@@ -132,10 +127,8 @@ def _nodes(
 
 
 def _gates(n: pd.DataFrame, half: tuple[float, float]) -> pd.DataFrame:
-    """A row a node and meeting: after ``truck``, node ``at`` is free when that has reached its ``node``.
-
-    ``side`` says which of the two trucks of ``meeting`` it is whose node ``at`` is.
-    """
+    """A row a node and meeting: after ``truck``, node ``at`` is free when that has reached its ``node``;
+    ``side`` says which of the two trucks of ``meeting`` it is whose node ``at`` is."""
     pairs, truck, trip = _met(n, half), n.truck.to_numpy(), n.trip.to_numpy()
     # Nodes of different trips are never neighbours.
     cells, cell = np.unique((pairs + 3 * CLOSE * trip[pairs]) // CLOSE, axis=0, return_inverse=True)

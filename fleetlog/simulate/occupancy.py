@@ -18,10 +18,8 @@ from fleetlog.simulate.world import World
 
 @dataclass(frozen=True)
 class Policy:
-    """When trucks charge: below ``low``, with nothing else to do below ``chance``, up to ``full``.
-
-    From ``enough`` on a truck leaves the charger when tasks wait.
-    """
+    """When trucks charge: below ``low``, with nothing else to do below ``chance``, up to ``full``; from
+    ``enough`` on a truck leaves the charger when tasks wait."""
 
     low: float = 0.3
     chance: float = 0.8
@@ -39,10 +37,7 @@ class Policy:
 
 @dataclass
 class Job:
-    """What a truck is about: a stage, its task, its bay, since when [s].
-
-    ``stay``: how long it stands where it goes without working there [s].
-    """
+    """A truck's stage, task, bay, since when [s]; ``stay``: how long it stands at its goal without work."""
 
     stage: str = "idle"
     task: Task | None = None

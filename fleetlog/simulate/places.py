@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
 MIN_DWELL = 8.0  # A shorter standstill is a wait on the way, unless the load changes [s]
 CELL = 2.0  # Stands in the same or in touching cells of this size belong to one place [m]
-MOVED, MOTION = 1.5, 50
-"""Direction of motion before and after a stop is that of so many metres, within so many rows."""
+MOVED, MOTION = 1.5, 50  # Motion before and after a stop is that of so many metres, within so many rows
 MIN_VISITS = 3  # A place was visited this often at least
 MIN_CHARGE = 0.005  # A state of charge that rises by more than this at a stand was charged
 KNOWN = 6.0  # A mined place this close to one of the site is that one [m]
@@ -112,10 +111,7 @@ def touching(cells: NDArray[Any]) -> Ints:
 
 
 def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
-    """(N,) cluster of every stand, numbered from west to east, -1 where there are fewer than ``min_visits``.
-
-    Touching occupied cells are one.  Time and memory grow linearly with the stands.
-    """
+    """(N,) place of every stand, from west to east, -1: under ``min_visits``; cells that touch are one."""
     cell = np.floor(np.column_stack([stands.x, stands.y]) / CELL)
     cells, of, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
     of = of.ravel()
@@ -123,8 +119,7 @@ def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
     firm = count >= max(2, min_visits // 2)
     label = np.full(len(cells), -1)
     label[firm] = touching(cells[firm])
-    of_stand = label[of]
-    names, code, visits = np.unique(of_stand, return_inverse=True, return_counts=True)
+    names, code, visits = np.unique(label[of], return_inverse=True, return_counts=True)
     kept = np.flatnonzero((names >= 0) & (visits >= min_visits)).tolist()
     centre = {k: (np.median(stands.x[code == k]), np.median(stands.y[code == k])) for k in kept}
     number = np.full(len(names), -1, dtype=np.int64)

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from fleetlog.simulate.world import World
 
 CHARGE_RATE = 0.25  # Power of a charger that the site does not state, in battery capacities an hour
-TAPER_FROM = 0.8
-"""State of charge from which charging power falls, to a tenth when full: then voltage is constant."""
+TAPER_FROM = 0.8  # State of charge from which charging power falls, to a tenth when full: constant voltage
 ROWS = 8_000_000  # Rows that are kept at most before they are written; some 60 bytes each
 DIGITS = {
     "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
@@ -37,8 +36,6 @@ MEANS = ("battery_power", "battery_voltage", "battery_current")
 NULL = int(np.iinfo(np.int32).min)
 TOGETHER = 16  # Trucks that are written at once, where there are as many
 BEHIND = 8  # Such groups that may wait to be written; the fleet waits when there are more
-
-
 Columns = dict[str, NDArray[Any]]  # (V, K) of a batch, by name
 
 

@@ -53,8 +53,7 @@ class VehicleReplay:
         writer: DatasetWriter, lanes: Floats,
     ) -> None:  # fmt: skip
         self.recorded, self.site, self.physics, self.writer = recorded, site, physics, writer
-        self.lanes = lanes
-        """(E,) metres that trucks keep to the left of the middle of their roads."""
+        self.lanes = lanes  # (E,) metres that trucks keep to the left of the middle of their roads
         self.energy = found.rows(np.nan_to_num(found.motion.power) * found.motion.dt)
         self.legs: dict[int, list[Leg]] = {}
         for leg in legs(found):
@@ -151,16 +150,14 @@ class VehicleReplay:
         motion = self._motion(trip, fine, leave, arrival)
         power = battery_power(motion, self.physics)
         # What a standing truck is charged with is taken over as recorded.
-        charging = motion.power < CHARGING
-        power = np.where(charging & (motion.speed == 0.0), motion.power, power)
+        power = np.where((motion.power < CHARGING) & (motion.speed == 0.0), motion.power, power)
         truck = self.physics.at(fine[0]).actual_truck
         cell = cell_power(power, truck).reshape(-1, steps).mean(axis=1)
         used = np.cumsum(cell) * self.interval / (3600.0 * truck.battery.capacity_wh)
         soc = np.clip(self.soc - np.concatenate([[0.0], used[:-1]]), 0.0, 1.0)
         self.soc = float(np.clip(self.soc - used[-1], 0.0, 1.0))
         mean = power.reshape(-1, steps).mean(axis=1)
-        at = self._motion(trip, rows, leave, arrival)
-        self._emit(trip, rows, at, mean, soc)
+        self._emit(trip, rows, self._motion(trip, rows, leave, arrival), mean, soc)
         if trip.leg is not None:
             assert trip.drive is not None
             # Energy is compared only where it was measured.
@@ -218,13 +215,12 @@ class VehicleReplay:
             columns["ambient_temperature"] = np.round(at.ambient_temperature, 2)
         if self.site.network is not None and (at.edge >= 0).any():
             used, names = np.unique(at.edge[at.edge >= 0]), self.site.network.edge_ids
-            codes = np.where(at.edge < 0, -1, np.searchsorted(used, at.edge)).astype(np.int32)
+            off = at.edge < 0
+            codes = np.where(off, -1, np.searchsorted(used, at.edge)).astype(np.int32)
             columns["edge_id"] = Labels(codes, tuple(names[i] for i in used))
             length = self.site.network.length[np.maximum(at.edge, 0)]
-            columns["edge_offset"] = np.where(
-                at.edge < 0, np.nan, np.round(np.clip(at.edge_offset, 0.0, length), 3)
-            )
-            columns["lateral_offset"] = np.where(at.edge < 0, np.nan, self.lanes[at.edge])
+            columns["edge_offset"] = np.where(off, np.nan, np.round(np.clip(at.edge_offset, 0.0, length), 3))
+            columns["lateral_offset"] = np.where(off, np.nan, self.lanes[at.edge])
         time = self.recorded.time[0] + np.rint(rows * 1e6).astype(np.int64)
         self.writer.write(Trajectory(self.recorded.vehicle_id, time, columns))
         self.written += len(rows)

@@ -1,20 +1,41 @@
-"""What one simulation is made of, and what one more of a scarce thing brings."""
+"""What one simulation is made of, what one more of a scarce thing brings; experiments that vary settings."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from fleetlog import scratch
+import numpy as np
+
+from fleetlog import engines, scratch
+from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
-from fleetlog.errors import FleetlogError
+from fleetlog.errors import DataError, FleetlogError, nearest
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.limits import Summary
+from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.tasks import Demand
 from fleetlog.store.writer import DatasetWriter
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MEASURES = {
+    "tasks_per_h": "tasks done per hour", "task_wait_s": "mean time that a task waits for a truck [s]",
+    "waiting_share": "share of the trucks' time spent waiting [%]",
+    "energy_per_task_wh": "energy per task done [Wh]",
+}  # fmt: skip
+"""What is drawn and compared, and how it is called."""
+MOST = 10_000  # Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand
+NONE = "none"  # The value of a factor that leaves the scenario as it is
 
 
 @dataclass(frozen=True)
@@ -95,3 +116,196 @@ def one_more(scenario: Scenario, before: Summary) -> dict[str, Any]:
         "what": what, "tasks_done": done, "task_wait_s": round(waits[1], 2), "waiting_s": round(waiting, 1),
         "statement": statement,
     }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A setting that is varied; a value that is a number is also drawn as one."""
+
+    name: str
+    values: tuple[str, ...]
+
+
+def factor(text: str) -> Factor:
+    """The factor of ``NAME=VALUES``; ``2..6``, ``2..10..2`` and ``a,b,c`` are values, also mixed."""
+    name, equals, values = text.partition("=")
+    if not equals or not name.strip() or not values.strip():
+        raise DataError(f"{text!r} is no setting with values", do="write NAME=VALUES, such as plugs=2..6")
+    found = tuple(v for part in values.split(",") for v in _values(part.strip()))
+    kept = tuple(dict.fromkeys(found))
+    # What a road costs shows beside the site without it.
+    return Factor(name.strip(), (NONE, *(v for v in kept if v != NONE)) if name.strip() == "close" else kept)
+
+
+def _values(part: str) -> Iterator[str]:
+    found = re.fullmatch(r"(\d{1,5})\.\.(\d{1,5})(?:\.\.(\d{1,5}))?", part)
+    if not found:
+        yield part
+        return
+    low, high, step = int(found[1]), int(found[2]), int(found[3] or 1)
+    if high < low or not step:
+        raise DataError(f"{part!r} is an empty range", do="write the lower number first, such as 2..6")
+    yield from (str(k) for k in range(low, high + 1, step))
+
+
+def _whole(value: str, name: str) -> int:
+    if not re.fullmatch("[0-9]{1,5}", value) or int(value) < 1:
+        what = f"{name}={value[:40]} is no number from 1 to 99,999"
+        raise DataError(what, do=f"write {name}=2..6 or {name}=1,2,4")
+    return int(value)
+
+
+def _plugs(site: Site, plugs: int) -> Site:
+    """So many plugs in all, spread evenly over the chargers in the site's order."""
+    chargers = [p.id for p in site.places if p.kind == "charge"]
+    if not chargers:
+        raise DataError("plugs cannot be varied: the site has no charger", do="add a place of kind charge")
+    for k, place in enumerate(chargers):
+        site = with_plugs(site, place, plugs // len(chargers) + (k < plugs % len(chargers)))
+    # A charger without a plug is none.
+    return replace(site, places=tuple(p for p in site.places if p.plugs or p.id not in chargers))
+
+
+def varied(scenario: Scenario, name: str, value: str) -> Scenario:
+    """The scenario with one setting changed; a place's id as the name changes its room for trucks."""
+    site, settings, places = scenario.site, scenario.settings, [p.id for p in scenario.site.places]
+    if name == "vehicles":
+        settings = replace(settings, vehicles=_whole(value, name))
+    elif name == "policy":
+        settings = replace(settings, policy=Policy.named(value, settings.policy.low))
+    elif name == "plugs":
+        site = _plugs(site, _whole(value, name))
+    elif name == "close":
+        closed = () if value == NONE else value.split("+")
+        site = replace(site, network=site.roads().without(closed)) if closed else site
+    elif name in places:
+        site = with_plugs(site, name, _whole(value, name))
+    else:
+        known = ["vehicles", "plugs", "close", "policy", *places]
+        raise DataError(f"{name!r} cannot be varied: it is no setting and no place", do=nearest(name, known))
+    return replace(scenario, site=site, settings=settings)
+
+
+def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, str], Scenario]]:
+    """Every combination of values, and the scenario that it makes of ``base``."""
+    if math.prod(len(f.values) for f in factors) > MOST:
+        raise DataError(f"these values make more than {MOST:,} variants", do="vary less at once")
+    fleets = [_whole(v, f.name) for f in factors if f.name == "vehicles" for v in f.values]
+    base = replace(base, settings=replace(base.settings, room=max([base.settings.vehicles, *fleets])))
+    out = []
+    for values in itertools.product(*(f.values for f in factors)):
+        chosen, scenario = dict(zip((f.name for f in factors), values, strict=True)), base
+        for name, value in chosen.items():
+            scenario = varied(scenario, name, value)
+        out.append((chosen, scenario))
+    return out
+
+
+def experiment(
+    bases: Sequence[Scenario], factors: Sequence[Factor],
+    progress: Callable[[float, float], None] = lambda done, total: None,
+) -> Result:  # fmt: skip
+    """Run every variant of every base, which differ in their seeds alone.
+
+    Tables ``runs`` (a row a variant and seed) and ``variants`` (means over the seeds, half widths of their
+    95 % intervals, changes paired by seed).  :class:`DataError` for no factor, or where no run is possible.
+    """
+    import pandas as pd
+
+    plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
+    rows = []
+    scenarios = [scenario for *_, scenario in plan]
+    results = engines.current().run(attempt, scenarios, lambda s: f"seed {s.settings.seed}")
+    for (number, seed, values, _), outcome in zip(plan, results, strict=True):
+        rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
+        progress(float(len(rows)), float(len(plan)))
+    runs = pd.DataFrame(rows).sort_values(["variant", "seed"], ignore_index=True)
+    if "tasks_done" not in runs:
+        raise DataError(f"no run is possible: {runs.error[0]}", do="change the site or what is varied")
+    table = _compared(runs, [f.name for f in factors])
+    summary = {
+        "factors": {f.name: list(f.values) for f in factors}, "seeds": [b.settings.seed for b in bases],
+        "variants": table.to_dict("records"),
+    }  # fmt: skip
+    tables = {"runs": runs, "variants": table}
+    return Result("experiment", summary, tables, {}, _shapes(runs, factors), _lines(table, factors))
+
+
+def _measured(outcome: Summary | str) -> dict[str, Any]:
+    if isinstance(outcome, str):
+        return {"error": outcome}
+    s, hours, c = outcome, outcome.duration_s / 3600.0, outcome.count
+    worst = s.limits.bottleneck
+    return {
+        "tasks_given": c.tasks_given, "tasks_done": c.tasks_done, "tasks_per_h": c.tasks_done / hours,
+        "task_wait_s": s.limits.task_wait_s["mean"], "task_wait_p95_s": s.limits.task_wait_s["p95"],
+        "waiting_share": 100.0 * s.waiting_s / (s.vehicles * s.duration_s),
+        **{f"waiting_{k.replace(' ', '_')}_h": v / 3600.0 for k, v in s.limits.waiting_s.items()},
+        "busy_share": 100.0 * next(r.utilisation for r in s.limits.resources if r.kind == "trucks"),
+        "distance_km": s.distance_m / 1000.0, "energy_kwh": s.energy_wh / 1000.0,
+        "charged_kwh": s.charged_wh / 1000.0,
+        "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1), "charges": c.charges,
+        "soc_lowest": s.soc_lowest,
+        "longest_wait_s": s.longest_wait_s, "deadlocks": c.deadlocks, "empty": len(c.empty),
+        "bottleneck": "none" if worst is None else worst.kind + (f", {worst.name}" if worst.name else ""),
+    }  # fmt: skip
+
+
+def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
+    """One row a variant: means over the seeds, half widths, and the paired change from the first variant."""
+    import pandas as pd
+
+    first = runs[runs.variant == 0].set_index("seed")
+    out = []
+    for number, group in runs.groupby("variant"):
+        good = group.dropna(subset="tasks_done").set_index("seed")
+        row = {"variant": number, **group[names].iloc[0], "runs": len(group), "possible": len(good)}
+        for name in MEASURES:
+            for key, values in ((name, good[name]), (f"{name}_change", (good[name] - first[name]).dropna())):
+                row |= {key: float(values.mean()), f"{key}_ci": half_width(values.to_numpy(float))}
+        row["bottleneck"] = good.bottleneck.mode().iloc[0] if len(good) else str(group.error.iloc[0])
+        out.append(row)
+    return pd.DataFrame(out)
+
+
+def _lines(table: pd.DataFrame, factors: Sequence[Factor]) -> list[str]:
+    """The table for the terminal."""
+    columns = ["tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
+    head = [*(f.name for f in factors), *columns]
+    rows = [[*(str(r[f.name]) for f in factors), *_cells(r)] for r in table.to_dict("records")]
+    if not table.task_wait_s.any():
+        head, *rows = ([*row[:-2], row[-1]] for row in [head, *rows])
+    wide = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
+    return ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in [head, *rows]]
+
+
+def _cells(row: Mapping[Any, Any]) -> list[str]:
+    def number(name: str, unit: str = "", sign: str = "") -> str:
+        value, half = row[name], row[f"{name}_ci"]
+        if np.isnan(value):
+            return "-"
+        return f"{value:{sign}.1f}" + (f" ± {half:.1f}" if np.isfinite(half) else "") + unit
+
+    return [
+        number("tasks_per_h"), "" if row["variant"] == 0 else number("tasks_per_h_change", sign="+"),
+        number("waiting_share", " %"), number("energy_per_task_wh"), number("task_wait_s", " s"),
+        str(row["bottleneck"]),
+    ]  # fmt: skip
+
+
+def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
+    """A plot of each measure over the first factor's values, a curve for each combination of the others."""
+    first, rest = factors[0], [f.name for f in factors[1:]]
+    groups = list(runs.groupby(rest, sort=False)) if rest else [((), runs)]
+    out = []
+    for name, label in MEASURES.items():
+        if not runs[name].any():
+            continue
+        curves = {
+            ", ".join(f"{n} {v}" for n, v in zip(rest, key, strict=True)): [
+                group[group[first.name] == v][name].dropna().to_numpy(float) for v in first.values
+            ]
+            for key, group in groups
+        }
+        out.append(Spread(name, first.values, curves, first.name, label))
+    return out

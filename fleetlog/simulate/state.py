@@ -15,6 +15,19 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 
 Modes = NDArray[np.int8]
+PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3  # What a truck that stands in a bay waits for; 0: nothing
+PLAN = 0.9  # Share of its braking that a truck plans with
+STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
+NOT_ZERO: dict[str, float] = {
+    "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,
+    "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf, "hand_start": -np.inf,
+    "until": np.inf, "attention": 1,
+}  # fmt: skip
+"""What trucks that are nowhere yet, and empty roads, begin with; all else with 0."""
+DRIVER = {
+    "speed_factor": 1.0, "max_acceleration": 1.0, "max_deceleration": 1.0, "max_lateral_acceleration": 1.0,
+}  # fmt: skip
+"""What a driver asks of a truck; power follows from the motion, whoever drives."""
 
 
 class Mode(IntEnum):
@@ -22,11 +35,6 @@ class Mode(IntEnum):
     road before its bay, goes in, charges, or stands with an empty battery."""
 
     PARKED, HANDLING, WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING, CHARGING, EMPTY = range(9)
-
-
-PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3  # What a truck that stands in a bay waits for; 0: nothing
-PLAN = 0.9  # Share of its braking that a truck plans with
-STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
 
 
 class Roads(NamedTuple):
@@ -44,8 +52,7 @@ class Roads(NamedTuple):
     clear: Floats
     stop: Floats
     capacity: Index
-    swings: Mask
-    """(P,) whether a truck turns so far on a piece that it comes back beside the lane that it left."""
+    swings: Mask  # (P,) whether a truck turns so far that it comes back beside the lane that it left
     conflict_first: Ints
     conflicts: Index
     door_lane: Index
@@ -143,14 +150,6 @@ def new_log(trucks: int, steps: int) -> Log:
     return Log(*(np.zeros((trucks, steps), kinds.get(name, np.float64)) for name in Log._fields))
 
 
-NOT_ZERO: dict[str, float] = {
-    "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,
-    "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf, "hand_start": -np.inf,
-    "until": np.inf, "attention": 1,
-}  # fmt: skip
-"""What trucks that are nowhere yet, and empty roads, begin with; all else with 0."""
-
-
 def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int) -> Fleet:
     """Trucks that are nowhere yet, on empty roads; routes have at most ``longest`` pieces."""
     shape: dict[str, int | tuple[int, int]] = {
@@ -183,12 +182,6 @@ def limits_of(kinds: Sequence[Truck], of: Index, length: float, gap: float) -> L
     )  # fmt: skip
 
 
-DRIVER = {
-    "speed_factor": 1.0, "max_acceleration": 1.0, "max_deceleration": 1.0, "max_lateral_acceleration": 1.0,
-}  # fmt: skip
-"""What a driver asks of a truck; power follows from the motion, whoever drives."""
-
-
 @dataclass(frozen=True)
 class Trucks:
     """``kinds`` are the different trucks, with what their drivers ask of them; ``of`` (V,) which each has."""
@@ -214,8 +207,7 @@ class Trucks:
 
     @property
     def envelope(self) -> Truck:
-        """The truck that roads and bays are laid out for: as long, wide and strong as any, and as hard to
-        turn."""
+        """The truck that the site is laid out for: as long, wide and strong as any, and as hard to turn."""
         names = ("length", "width", "turn_radius", "rated_load")
         sizes = {name: max(truck.value(f"chassis.{name}") for truck in self.kinds) for name in names}
         return replace(self.kinds[0], chassis=replace(self.kinds[0].chassis, **sizes))

@@ -81,8 +81,7 @@ class Demand:
     pause: float = 20.0  # Mean time between two endless tasks of a truck [s]
     visits: tuple[Visit, ...] = ()
     """Of a recorded fleet: each truck goes on as recorded ones did, and nothing else is asked of it."""
-    stands: Mapping[str, Stand] = field(default_factory=dict)
-    """Places where the recorded trucks stood along the road."""
+    stands: Mapping[str, Stand] = field(default_factory=dict)  # By place: trucks stood along the road
     left_out: list[Task] = field(default_factory=list)
     """Given ones that cannot be done: there is no room at one of their places."""
 
@@ -95,8 +94,7 @@ def random_visits(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[
 
 
 def endless_tasks(seed: int, truck: Truck, places: int, pause: float) -> Iterator[Task]:
-    """Tasks whose places are still open: number k of a seed is the same, whoever does it and whatever else is
-    varied."""
+    """Tasks whose places are open: number k of a seed is the same, whoever does it, whatever is varied."""
     for number in itertools.count():
         rng = np.random.Generator(np.random.PCG64([seed, number]))
         load = round(float(rng.triangular(0.1, 0.5, 1.0)) * truck.chassis.rated_load, 1)

@@ -1,7 +1,4 @@
-"""The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn.
-
-Their curves lie beside centre lines, with corners rounded.
-"""
+"""The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn."""
 
 import itertools
 from dataclasses import dataclass
@@ -14,8 +11,7 @@ from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.truck import Truck
 
-BOW = 0.1
-"""A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
+BOW = 0.1  # A gentle kink is rounded as widely as the curve can while this close to the corner [m]
 FINE = 0.1  # Length of the chords that stand for a curve [m]
 SPACING = 0.5  # Between samples, at most [m]
 DEFAULT_WIDTH = 4.0  # Of a two-way road whose width the map does not give [m]

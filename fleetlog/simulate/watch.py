@@ -1,7 +1,4 @@
-"""Who makes no progress, and for whom it waits: rings of trucks that wait for one another are deadlocks.
-
-They are found and released; others look for another way.
-"""
+"""Who makes no progress, and for whom it waits: rings of trucks, deadlocks, are found and released."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -14,8 +11,7 @@ from fleetlog.simulate.ways import Itinerary
 from fleetlog.simulate.world import World
 
 NEAR = 8.0  # A truck this close on a lane can be in the way of one that comes out onto it [m]
-STUCK = 30.0
-"""Trucks that want to move and have not for so long are looked at: do they wait for one another? [s]"""
+STUCK = 30.0  # Trucks that have wanted to move for so long are looked at: do they wait for one another? [s]
 PASS = 20.0  # After this wait a truck that cannot turn into its bay drives on to another door [s]
 CHANGE = 40.0  # After this wait a truck that cannot back out of its bay tries the other door [s]
 DETOUR = 45.0  # After this wait a truck tries another way [s]
@@ -27,8 +23,7 @@ class Watch:
     def __init__(self, roads: Roads, fleet: Fleet) -> None:
         self.roads, self.fleet, self._moved = roads, fleet, fleet.moved.copy()
         self._since = np.zeros(len(fleet.mode))
-        self.longest = 0.0
-        """Longest time that any truck which wanted to move stood [s]."""
+        self.longest = 0.0  # Longest time that any truck which wanted to move stood [s]
 
     def still(self, now: float) -> Floats:
         """(V,) seconds for which trucks have wanted to move and have not, 0 where they do not want to."""
@@ -147,10 +142,8 @@ class Untangler:
     def __init__(self, world: World, fleet: Fleet) -> None:
         self.world, self.fleet, self.count = world, fleet, Count()
         self.watch = Watch(world.roads, fleet)
-        self._changed: dict[int, float] = {}
-        """When a truck last tried another door [s]."""
-        self._known: dict[frozenset[int], bool] = {}
-        """Rings that stand at present, and whether they were broken already."""
+        self._changed: dict[int, float] = {}  # When a truck last tried another door [s]
+        self._known: dict[frozenset[int], bool] = {}  # Rings that stand, and whether they were broken already
 
     def _take(self, v: int, way: Itinerary) -> None:
         """Give a truck its way: out of a bay, or onward from the lane it is on."""

@@ -19,12 +19,10 @@ from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 from fleetlog.store.trips import STANDING_SPEED
 
-OPPOSITE = 2.4
-"""A lane whose heading differs by more than this from that of another leads the other way [rad]."""
+OPPOSITE = 2.4  # A lane whose heading differs by more from that of another leads the other way [rad]
 NODE, SEEN = 20.0, 2
 """Who changes to the opposite edge within so many metres of its node turns round there, if seen so often."""
-TURN_REACH = 30.0
-"""A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
+TURN_REACH = 30.0  # A truck turns round at an open end onto lanes that begin at most this far away [m]
 CROSSING = 3.0  # What crossing a lane on the way into a bay or out of it costs in choosing a way [s]
 NO_WAY_BACK = "no lane of the map leads back to where it began"
 AHEAD = 0.5  # A door this much farther along the lane can be reached without a way round [m]
@@ -40,8 +38,7 @@ def parts(network: Network) -> Ints:
     graph = csr_matrix((turns, network.next_edges, network.next_first), shape=(size, size))
     _, label = connected_components(graph, directed=True, connection="strong")
     lone = np.bincount(label)[label] == 1
-    into_itself = graph.diagonal() > 0.0
-    return np.where(lone & ~into_itself, -1, label).astype(np.int64)
+    return np.where(lone & (graph.diagonal() == 0.0), -1, label).astype(np.int64)
 
 
 def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Mask:

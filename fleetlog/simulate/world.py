@@ -1,5 +1,4 @@
-"""Everything that stays put in a simulation: lanes, junctions, bays, speed caps, ways between bays;
-and when people cross the roads."""
+"""Everything that stays put in a simulation: lanes, junctions, bays, speed caps, ways; when people cross."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -28,10 +27,7 @@ TURN_TIME = 3.0  # What a half turn costs in choosing a route [s]
 
 @dataclass
 class World:
-    """The site as trucks drive on it; ``notes`` are said aloud.
-
-    ``truck`` is the one that it is laid out for, ``physics`` those of each of the kinds of ``trucks``.
-    """
+    """The site as trucks drive on it, laid out for ``truck``; ``physics`` of each of ``trucks.kinds``."""
 
     site: Site
     trucks: Trucks
@@ -96,10 +92,7 @@ def speed_limits(site: Site, track: Track) -> Floats:
 
 
 def caps(site: Site, track: Track, physics: Physics) -> Floats:
-    """(2, S) highest speed [m/s] without and with a load, by limits, truck, turns and the terms on speed.
-
-    On pieces that swing round a truck creeps, as into a bay.
-    """
+    """(2, S) highest speed [m/s] without and with a load, by limits, truck and terms; a creep in swings."""
     from fleetlog.simulate.kernels.geometry import brake_ahead
 
     truck = physics.actual_truck

@@ -17,9 +17,12 @@ ASPECT = 1.9  # Width by height of a view of the floor in a window of 16:9
 LONG, WINDOW = 900.0, (-240.0, 60.0)
 """From what duration on plots show a window only, and from where to where about the cursor [s]."""
 CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "State of charge [%]"}
-
-
 TRAIL = 40.0  # Of the way behind a truck so much is shown [s]
+NO_LEGEND = "Open tasks (dark: being fetched, light: on the forks)"
+"""Title where there is no room for a legend in the plot."""
+ON_FLOOR = ("trucks", "trail", "tasks", "reserved", "charging")  # What a fleet has on the floor
+FLAT = tuple(f"- /site/buildings/{part}/**" for part in ("roofs", "walls", "frames"))
+"""What a plan leaves out: all of a building but its outline."""
 
 
 @dataclass
@@ -70,24 +73,13 @@ def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> 
         depth = min(depth, -0.5 * (high + low) / tangent)
     eye += depth * forward
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    target = eye + ((middle - eye) @ forward) * forward
-    return eye, target
-
-
-NO_LEGEND = "Open tasks (dark: being fetched, light: on the forks)"
-"""Title where there is no room for a legend in the plot."""
-ON_FLOOR = ("trucks", "trail", "tasks", "reserved", "charging")  # What a fleet has on the floor
-FLAT = tuple(f"- /site/buildings/{part}/**" for part in ("roofs", "walls", "frames"))
-"""What a plan leaves out: all of a building but its outline."""
+    return eye, eye + ((middle - eye) @ forward) * forward
 
 
 def floor_view(
     screen: Screen, name: str, contents: Sequence[str] = (), *, plan: bool = False, aspect: float = ASPECT
 ) -> rrb.Spatial3DView:
-    """The site's floor with its trucks, all of it in view: from the south-south-east, or as a plan, north up.
-
-    ``contents`` are further filters, ``aspect`` is the view's width by height.
-    """
+    """The floor with its trucks, all in view, obliquely or as a ``plan``; ``aspect``: width by height."""
     if plan:
         eye = fitted(screen.outline * np.array([1.0, 1.0, 0.0]), 0.0, np.pi / 2 - 1e-3, aspect)
     else:
@@ -102,10 +94,7 @@ def floor_view(
 
 
 def time_of(screen: Screen, slow: bool) -> dict[str, Any]:
-    """Options of a plot: all of the time for a slow signal or a short recording, else a window.
-
-    A plot of a window reads no more than that, so that a long recording stays quick.
-    """
+    """Options of a plot: all time of a slow signal or short recording, else a window: it reads no more."""
     if slow or screen.duration <= LONG:
         ever = rrb.TimeRangeBoundary.infinite()
         return {"axis_x": rrb.TimeAxis(view_range=rr.TimeRange(start=ever, end=ever))}
@@ -137,10 +126,7 @@ def curve_views(screen: Screen) -> list[Any]:
 
 
 def activity_views(screen: Screen, roomy: bool = False) -> list[Any]:
-    """A lane of states for every truck or their number by activity, and open tasks by stage; what is known.
-
-    Curves are named in a legend where there is room.
-    """
+    """Lanes of states or trucks by activity, open tasks by stage, if known; with legends where ``roomy``."""
     out: list[Any] = []
     legend = roomy or not screen.lanes
     titles = {"activity": "Trucks by activity", "open": "Open tasks" if legend else NO_LEGEND}

@@ -125,10 +125,7 @@ def changed(values: Floats, step: float) -> Ints:
 
 
 def moved(step: float, *values: Floats) -> Ints:
-    """Indices at which any value has moved by ``step`` or more, the rows before these, and both ends.
-
-    The row before a move keeps a truck standing until it sets off, however long it stood.
-    """
+    """Indices at which any value moved by ``step``, the rows before (a truck stood till then), both ends."""
     keep = np.zeros(len(values[0]), dtype=bool)
     keep[:1] = keep[-1:] = True
     for v in values:

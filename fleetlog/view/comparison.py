@@ -1,8 +1,4 @@
-"""Two fleets on one timeline: a recording and its simulation side by side.
-
-Where the simulation drives the recorded mission again, trucks of one name are subtracted from one another;
-else they do different things, and the totals of the fleets are beside one another.
-"""
+"""Two fleets side by side on one timeline, with differences by truck where one drives the other's mission."""
 
 from pathlib import Path
 from typing import Any
@@ -34,8 +30,7 @@ TOTALS = {
     "used": "Energy so far, all trucks [kWh]",
 }
 BIN = 10_000_000  # Step of the totals [us]
-SLOW = frozenset({"energy", "soc", "distance", "used"})
-"""Shown from the first to the last, also in a long recording."""
+SLOW = frozenset({"energy", "soc", "distance", "used"})  # Shown as a whole, also in a long recording
 
 
 def write_comparison(

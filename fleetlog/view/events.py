@@ -150,7 +150,7 @@ def log_many(stream: Stream, h: Happenings, prefix: str, name: str) -> set[str]:
     lengths = np.bincount(row, minlength=len(times))
     for rows in np.array_split(np.arange(len(times)), min(len(row) // BLOCK + 1, len(times))):
         shown = slice(*np.searchsorted(row, [rows[0], rows[-1] + 1]))
-        stream.parts(path, times[rows], lengths[rows], rr.LineStrips3D, strips=lines[way[which[shown]]])
+        stream.rows(path, times[rows], rr.LineStrips3D, lengths[rows], strips=lines[way[which[shown]]])
     return found | {"reserved"}
 
 
@@ -158,10 +158,8 @@ def _log_stretches(
     stream: Stream, path: str, start: Any, end: Any, lines: Sequence[Sequence[Floats]],
     colours: Sequence[Colour] = (), most: int = sys.maxsize,
 ) -> None:  # fmt: skip
-    """At every change the ``lines`` of the stretches of time then open; of these the ``most`` oldest.
-
-    ``colours`` are those of the lines of each stretch, where they differ.
-    """
+    """At every change the ``lines`` of the stretches of time then open, of these the ``most`` oldest;
+    ``colours`` are those of the lines of each stretch, where they differ."""
     start, end = np.asarray(start), np.asarray(end)
     times = np.setdiff1d(np.concatenate([start, end]), [NEVER])
     row, which = rows_while(times, start, end)
@@ -171,7 +169,7 @@ def _log_stretches(
     lengths = np.bincount(row, weights=parts[which], minlength=len(times)).astype(np.int64)
     strips = [np.asarray(s, np.float32) for k in which.tolist() for s in lines[k]]
     more = {"colors": np.tile(np.array(colours, np.uint8), (len(which), 1))} if colours else {}
-    stream.parts(path, times, lengths, rr.LineStrips3D, strips=strips, **more)
+    stream.rows(path, times, rr.LineStrips3D, lengths, strips=strips, **more)
 
 
 def _log_tasks(stream: Stream, h: Happenings, lanes: list[Lane], path: str) -> None:
@@ -215,7 +213,7 @@ def _log_state(stream: Stream, mine: pd.DataFrame, path: str) -> None:
     stream.static(path, rr.StateConfiguration(values=list(ACTIVITIES), labels=labels, colors=colours))
     states = mine["activity"].astype(str)
     changed = (states != states.shift()).to_numpy()
-    stream.columns(path, mine["start"].to_numpy()[changed], rr.StateChange, state=states[changed].tolist())
+    stream.rows(path, mine["start"].to_numpy()[changed], rr.StateChange, state=states[changed].tolist())
 
 
 def _log_curves(stream: Stream, h: Happenings, prefix: str, name: str, *, activity: bool) -> set[str]:

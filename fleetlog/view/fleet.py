@@ -88,11 +88,7 @@ def quaternions(heading: Floats) -> Floats:
 
 
 def heights(t: Trajectory, site: Site) -> Floats:
-    """Height at which every row is drawn [m]: the road's where it is matched to one, else as recorded.
-
-    A recorded height that is far from the site's floor is one above the sea or of another datum; such a truck
-    is drawn on the floor.
-    """
+    """Height [m] at which every row is drawn: the road's, else as recorded, the floor where that is far."""
     z = t.floats("z")
     known = np.isfinite(z)
     near = known.any() and np.median(np.abs(z[known])) <= FAR_FROM_FLOOR
@@ -119,7 +115,7 @@ def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool)
         floor = np.column_stack([moving.floats("x"), moving.floats("y"), heights(moving, site)])
         keep = clock.moved(STEP, *floor.T)
         places = floor[keep].astype(np.float32)
-        stream.columns(lane.path("trucks"), moving.time[keep], rr.Transform3D, translation=places)
+        stream.rows(lane.path("trucks"), moving.time[keep], rr.Transform3D, translation=places)
         _log_presence(stream, lane, moving, max(limit, clock.gap_limit(moving.time)), labels)
         _log_fork(stream, lane, moving)
         _log_trail(stream, lane, moving, floor, limit)
@@ -130,10 +126,7 @@ def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool)
 
 
 def curve_style(name: str, colour: Colour, steps: bool = False) -> rr.SeriesLines:
-    """A thin line, or one in ``steps``, through the values themselves.
-
-    The viewer's averaging would bend it where runs were collapsed.
-    """
+    """A line, or ``steps``, through the values themselves: means would bend it where runs were collapsed."""
     return rr.SeriesLines(
         names=name, colors=colour, widths=1.6, aggregation_policy=rr.components.AggregationPolicy.Off,
         interpolation_mode="StepAfter" if steps else None,
@@ -145,7 +138,7 @@ def log_curve(stream: Stream, path: str, time: Ints, values: Floats, style: Any 
     if style is not None:
         stream.static(path, style)
     keep = clock.moved(SAME, values)
-    stream.columns(path, time[keep], rr.Scalars, scalars=values[keep])
+    stream.rows(path, time[keep], rr.Scalars, scalars=values[keep])
 
 
 def with_gaps(time: Ints, values: Floats, limit: int, last: int | None) -> tuple[Ints, Floats]:
@@ -167,7 +160,7 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
     dot = rr.Points3D.from_fields(radii=ui_points(3.5), colors=lane.colour, show_labels=labels)
     stream.static(path, dot)
     point, names = np.tile([0.0, 0.0, 1.0], (len(cuts), 1)), [lane.vehicle] * len(cuts)
-    stream.parts(path, time, shown, rr.Points3D, positions=point, labels=names)
+    stream.rows(path, time, rr.Points3D, shown, positions=point, labels=names)
     starts = [s.start for s in clock.pieces(t.time, clock.gap_limit(t.time))]
     _log_heading(stream, lane, t, starts, hidden)
     if t.has("soc"):
@@ -188,7 +181,7 @@ def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], h
     keep = np.union1d(keep[np.isfinite(heading[keep])], starts)
     time, order, shown = _in_order(t.time[keep], hidden)
     turn = np.append(np.nan_to_num(heading[keep]), np.zeros(len(hidden)))[order]
-    stream.columns(
+    stream.rows(
         lane.path("trucks", "body"), time, rr.Transform3D,
         quaternion=quaternions(turn), scale=np.tile(np.maximum(shown, 1e-6)[:, None], 3),
     )  # fmt: skip
@@ -207,7 +200,7 @@ def _log_bar(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidde
     colours = np.stack([full, np.broadcast_to(EMPTY, full.shape)], axis=1).reshape(-1, 3)
     path = lane.path("trucks", "soc")
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(3.0)))
-    stream.parts(path, time, 2 * shown, rr.LineStrips3D, strips=strips, colors=colours)
+    stream.rows(path, time, rr.LineStrips3D, 2 * shown, strips=strips, colors=colours)
 
 
 def _log_fork(stream: Stream, lane: Lane, t: Trajectory) -> None:
@@ -216,14 +209,14 @@ def _log_fork(stream: Stream, lane: Lane, t: Trajectory) -> None:
         height = np.clip(np.nan_to_num(t.floats("fork_height")), 0.0, None)
         keep = clock.changed(height, 0.02)
         lift = np.column_stack([np.zeros((len(keep), 2)), height[keep]])
-        stream.columns(path, t.time[keep], rr.Transform3D, translation=lift)
+        stream.rows(path, t.time[keep], rr.Transform3D, translation=lift)
     if t.has("payload"):
         loaded = np.nan_to_num(t.floats("payload")) > MIN_LOAD
         keep = np.flatnonzero(np.diff(loaded.astype(np.int8), prepend=-1))
         lengths = loaded[keep].astype(np.int64)
         stream.static(f"{path}/load", rr.Boxes3D.from_fields(colors=[(196, 150, 96)], fill_mode="solid"))
         centres, sizes = (np.tile(v, (int(lengths.sum()), 1)) for v in (LOAD_CENTRE, LOAD_HALF))
-        stream.parts(f"{path}/load", t.time[keep], lengths, rr.Boxes3D, centers=centres, half_sizes=sizes)
+        stream.rows(f"{path}/load", t.time[keep], rr.Boxes3D, lengths, centers=centres, half_sizes=sizes)
 
 
 def _log_trail(stream: Stream, lane: Lane, t: Trajectory, floor: Floats, limit: int) -> None:
@@ -237,7 +230,7 @@ def _log_trail(stream: Stream, lane: Lane, t: Trajectory, floor: Floats, limit: 
     rows = [r for r in rows if np.ptp(xyz[r], axis=0).max() > 0.05]
     path, when = lane.path("trail"), np.array([t.time[r[-1]] for r in rows], np.int64)
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.8), colors=[lane.colour]))
-    stream.columns(path, when, rr.LineStrips3D, strips=[xyz[r] for r in rows])
+    stream.rows(path, when, rr.LineStrips3D, strips=[xyz[r] for r in rows])
 
 
 def _log_map(stream: Stream, lane: Lane, t: Trajectory, frame: Frame) -> None:
@@ -246,4 +239,4 @@ def _log_map(stream: Stream, lane: Lane, t: Trajectory, frame: Frame) -> None:
     where = np.column_stack(frame.to_geographic(t.floats("x")[keep], t.floats("y")[keep]))
     path = lane.path("geo")
     stream.static(path, rr.GeoPoints.from_fields(radii=ui_points(5.0), colors=[lane.colour]))
-    stream.columns(path, t.time[keep], rr.GeoPoints, positions=where)
+    stream.rows(path, t.time[keep], rr.GeoPoints, positions=where)

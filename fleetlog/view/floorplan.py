@@ -35,9 +35,7 @@ def draw_site(axes: Axes, site: Site) -> None:
     """Buildings and zones as pale areas, roads as grey lines."""
     from matplotlib.collections import LineCollection, PolyCollection
 
-    buildings, zones = (
-        [ribbons.open_ring(a.polygon) for a in areas] for areas in (site.buildings, site.zones)
-    )
+    buildings, zones = ([ribbons.open_ring(a.polygon) for a in own] for own in (site.buildings, site.zones))
     solid: Any = {"facecolors": BUILDING, "edgecolors": "#c9cdd3", "lw": 0.7, "zorder": 0}
     rim: Any = {"facecolors": "none", "edgecolors": "#b98a2f", "lw": 0.8, "linestyles": "--", "zorder": 0.5}
     axes.add_collection(PolyCollection(buildings, **solid))
@@ -99,7 +97,7 @@ def draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
 
 def draw_overlay(axes: Axes, result: Result, layer: str | None = None) -> None:
     """Marks and critical lines, over every map; marks of another map than ``layer`` are left out."""
-    taken: list[Box] = []
+    taken: list[Extent] = []
     for shape in result.shapes:
         if isinstance(shape, MovingLines):
             _draw_lines(axes, shape)
@@ -144,10 +142,7 @@ def _draw_lines(axes: Axes, shape: MovingLines) -> None:
         axes.add_collection(LineCollection(list(strips), colors=colour, linewidths=0.9, **look))
 
 
-Box = tuple[float, float, float, float]  # Left, bottom, right, top [m]
-
-
-def _draw_marks(axes: Axes, marks: Marks, taken: list[Box]) -> None:
+def _draw_marks(axes: Axes, marks: Marks, taken: list[Extent]) -> None:
     """Rings (chargers: discs) with labels where there is room for them; ``taken`` grows by these."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle
@@ -169,7 +164,7 @@ def _draw_marks(axes: Axes, marks: Marks, taken: list[Box]) -> None:
 
 
 def _free_spot(
-    axes: Axes, x: float, y: float, size: float, label: str, taken: list[Box]
+    axes: Axes, x: float, y: float, size: float, label: str, taken: list[Extent]
 ) -> tuple[float, float] | None:
     """Middle of a label above, below, right or left of its mark, over no other one; None where none is."""
     figure = axes.get_figure(root=True)

@@ -41,9 +41,7 @@ ACTIVITIES: dict[str, Colour] = {
     "wait_place": (165, 70, 60), "pick": (240, 228, 66), "drop": (230, 159, 0), "charge": (64, 196, 99),
     "wait_charger": (204, 121, 167), "park": (74, 80, 92), "battery_empty": (140, 20, 30),
 }  # fmt: skip
-STAGES: dict[str, Colour] = {
-    "waiting": WAITING, "being fetched": (62, 116, 158), "on the forks": (86, 180, 233),
-}  # fmt: skip
+STAGES = {"waiting": WAITING, "being fetched": (62, 116, 158), "on the forks": (86, 180, 233)}
 CRITICAL, CALM = (232, 65, 60), (130, 190, 220)
 RECORDED, SIMULATED = (230, 159, 0), (86, 180, 233)
 
@@ -53,6 +51,13 @@ PAPER, SCREEN, DIVERGING = "magma_r", "inferno", "RdBu_r"
 SIGNS = ((120, 200, 255), (50, 120, 220), (104, 107, 113), (225, 90, 50), (255, 180, 120))
 """Below zero, zero and above on the dark ground: bright is far from zero."""
 SKEWED = 8.0  # Where the largest values are this many times the median, colours follow their logarithm
+NAMED: dict[str, Colour] = {
+    "recorded": (40, 44, 52), "measured": (40, 44, 52), "model before": (214, 120, 40),
+    "model after": (31, 119, 180), "model": (31, 119, 180), "driving_laden": (31, 119, 180),
+    "driving_empty": (140, 190, 225), "driving": (86, 150, 205), "handling": (240, 180, 50),
+    "waiting": (214, 80, 60), "standing": (225, 150, 90), "charging": (64, 170, 90),
+    "idle": (176, 182, 190), "no_data": (225, 228, 232),
+}  # fmt: skip
 
 
 def vehicle_colour(number: int) -> Colour:
@@ -62,15 +67,6 @@ def vehicle_colour(number: int) -> Colour:
     hue = (number * 0.618034) % 1.0
     r, g, b = colorsys.hls_to_rgb(hue, 0.55 + 0.12 * (number % 3 - 1), 0.7)
     return int(255 * r), int(255 * g), int(255 * b)
-
-
-NAMED: dict[str, Colour] = {
-    "recorded": (40, 44, 52), "measured": (40, 44, 52), "model before": (214, 120, 40),
-    "model after": (31, 119, 180), "model": (31, 119, 180), "driving_laden": (31, 119, 180),
-    "driving_empty": (140, 190, 225), "driving": (86, 150, 205), "handling": (240, 180, 50),
-    "waiting": (214, 80, 60), "standing": (225, 150, 90), "charging": (64, 170, 90),
-    "idle": (176, 182, 190), "no_data": (225, 228, 232),
-}  # fmt: skip
 
 
 def paper_colour(name: str, number: int) -> Share:
@@ -100,10 +96,8 @@ def faded(colour: Colour, share: float, ground: Colour = (18, 20, 24)) -> Colour
 
 @dataclass(frozen=True)
 class Scale:
-    """Limits of a colour map.  ``clipped``: values above ``high`` exist.
-
-    Values beyond the ``knee`` are spread by their logarithm, as a few are many times the others; inf: none.
-    """
+    """Limits of a colour map; ``clipped``: values above ``high`` exist.  Values beyond the ``knee`` are
+    spread by their logarithm, as a few are many times the others; inf: none."""
 
     low: float
     high: float

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Spread
+from fleetlog.core.arrays import Floats
+from fleetlog.core.result import Bars, EdgeValues, Grid, Result, Series, Spread, half_width
 from fleetlog.core.site import Site
+from fleetlog.view import palette
 from fleetlog.view.floorplan import draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
 from fleetlog.view.palette import Scale, scales_of
-from fleetlog.view.panels import bars_height, draw_bars, draw_series, draw_spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,22 +32,23 @@ STYLE: Any = {
     "axes.labelcolor": "#33373d", "xtick.color": "#5a5f66", "ytick.color": "#5a5f66", "legend.frameon": False,
     "legend.fontsize": 8.0, "axes.grid": False, "text.parse_math": False,
 }  # fmt: skip
+SOFT, GRID = "#5a5f66", "#e3e6ea"
+MAX_BARS, MAX_LABEL = 40, 28
+SILENCE, NIGHT = 20.0, 6 * 3.6e9
+"""A gap in a curve this many times its usual step, or this long [us], is left out of the time axis."""
+FEW = 60  # So many points are marked each: one alone is no line
 
 
 def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
-    """Draw the shapes of a result; 1500 points wide, in colours that colour-blind people tell apart.
-
-    Every grid and every set of road values is a map of its own over the roads, with the marks and critical
-    lines on each; curves and bars follow below.
-    """
+    """Draw the shapes of a result, 1500 points wide: a map a grid and a set of road values, then panels."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    maps: list[Any] = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
-    if not maps and any(isinstance(s, Marks | MovingLines | Flows) for s in result.shapes):
+    maps: list[Any] = [s for s in result.shapes if isinstance(s, Layer)][:MAX_MAPS]
+    if not maps and any(not isinstance(s, Panel) for s in result.shapes):
         maps = [None]
-    panels = [s for s in result.shapes if isinstance(s, Series | Bars | Spread)][:MAX_PANELS]
+    panels = [s for s in result.shapes if isinstance(s, Panel)][:MAX_PANELS]
     with matplotlib.rc_context(STYLE):
         columns, beside = (2 if len(shown) > 1 else 1 for shown in (maps, panels))
         room = (WIDTH / columns - 1.0) * _map_ratio(result, site) + 0.9
@@ -137,3 +141,139 @@ def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale
         bar.outline.set_visible(False)
     draw_overlay(axes, result, None if layer is None else layer.name)
     draw_furniture(axes, site)
+
+
+def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
+    """Curves, one above the other where they are stacked; over time in the hours of a time zone."""
+    names = [name.replace("_", " ") for name in series.y]
+    x = np.asarray(series.x)
+    values = np.array(list(series.y.values()), float).reshape(len(names), len(x))
+    if series.over_time:
+        x, values = _over_time(axes, x, values, zone)
+    if series.stacked:
+        # Energy that flows back lies below zero, and is not taken off what flows out.
+        colours, known = [palette.paper_colour("", i) for i in range(len(names))], np.nan_to_num(values)
+        axes.stackplot(x, np.maximum(known, 0.0), labels=names, colors=colours, lw=0)
+        axes.stackplot(x, np.minimum(known, 0.0), colors=colours, lw=0)
+    else:
+        for i, (name, y) in enumerate(zip(names, values, strict=True)):
+            mark = "." if len(x) <= FEW else ""
+            axes.plot(x, y, mark, ls="-", lw=1.1, color=palette.paper_colour(name, i), label=name)
+    axes.set_title(series.name.replace("_", " "))
+    axes.set_xlabel(f"time ({zone.replace('_', ' ')})" if series.over_time else series.x_label)
+    axes.set_ylabel(series.y_label)
+    axes.margins(x=0)
+    if series.counts:
+        axes.set_ylim(bottom=0.0)
+    _lines(axes, "y")
+    if len(names) > 1:
+        _legend(axes, names)
+
+
+def _over_time(axes: Axes, x: NDArray[Any], values: Floats, zone: str) -> tuple[NDArray[Any], Floats]:
+    """Times of a zone; silences are cut out of the axis and marked: a log of shifts has nothing at night."""
+    import pandas as pd
+
+    local = pd.to_datetime(x, unit="us", utc=True).tz_convert(zone).tz_localize(None).to_numpy()
+    steps = np.diff(local).astype("timedelta64[us]").astype(float)
+    # A short step: of few points, or of short shifts, the median is a silence itself.
+    usual = float(np.quantile(steps, 0.25, method="lower")) if len(steps) else 0.0
+    cut = np.flatnonzero(steps > min(SILENCE * usual, max(2.0 * usual, NIGHT)))
+    if not len(cut):
+        from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+        # These two classes of matplotlib carry no types.
+        locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_locator(locator)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+        return local, values
+    steps[cut] = 2.0 * usual
+    at = np.concatenate([[0.0], np.cumsum(steps)])
+    for k in cut:
+        axes.axvline(0.5 * (at[k] + at[k + 1]), color=SOFT, lw=0.6, ls=":")
+    first = np.concatenate([[0], cut + 1])
+    shown = first[:: -(-len(first) // 6)]
+    axes.set_xticks(at[shown], [f"{pd.Timestamp(local[k]):%d %b\n%H:%M}" for k in shown], ha="left")
+    # A row of nothing in every silence breaks the curves.
+    middle = 0.5 * (at[cut] + at[cut + 1])
+    return np.insert(at, cut + 1, middle), np.insert(values, cut + 1, np.nan, axis=1)
+
+
+def draw_bars(axes: Axes, bars: Bars) -> None:
+    """Bars from the top down, with their parts where they have some."""
+    labels = list(bars.labels[:MAX_BARS])
+    at = np.arange(len(labels))
+    left = np.zeros(len(labels))
+    for i, (name, part) in enumerate((bars.parts or {"": bars.values}).items()):
+        width = np.asarray(part[: len(labels)], float)
+        colour, label = palette.paper_colour(name, i), name.replace("_", " ")
+        axes.barh(at, width, left=left, color=colour, height=0.72, label=label)
+        left = left + width
+    if not left.any():
+        axes.set_xlim(0.0, 1.0)
+    axes.set_yticks(at, [t if len(t) <= MAX_LABEL else t[: MAX_LABEL - 1] + "…" for t in labels])
+    axes.invert_yaxis()
+    axes.set_xlabel(bars.label)
+    axes.set_title(bars.name.replace("_", " "))
+    _lines(axes, "x")
+    if bars.parts:
+        axes.margins(x=0)
+        _legend(axes, list(bars.parts))
+    if (more := len(bars.labels) - len(labels)) > 0:
+        axes.text(1, 0, f"and {more} more", transform=axes.transAxes, ha="right", va="bottom", color=SOFT)
+
+
+def bars_height(bars: Bars) -> float:
+    """Height that labelled bars need [inches]."""
+    return 1.1 + 0.19 * max(min(len(bars.labels), MAX_BARS), 3) + (0.25 if bars.parts else 0.0)
+
+
+def draw_spread(axes: Axes, spread: Spread) -> None:
+    """Runs of an experiment as dots, their mean and its 95 % interval; numbers go along, names down."""
+    number = all(v.replace(".", "", 1).isdigit() for v in spread.values)
+    at = np.array([float(v) for v in spread.values]) if number else np.arange(len(spread.values), dtype=float)
+    along = slice(None, None, 1 if number else -1)
+    for k, (name, runs) in enumerate(spread.curves.items()):
+        # Curves side by side do not hide one another's bars.
+        places = at + 0.012 * float(np.ptp(at)) * (k - 0.5 * (len(spread.curves) - 1))
+        look: Any = {"color": palette.paper_colour("", k), "ms": 4}
+        known = np.flatnonzero([len(r) for r in runs])
+        for j in known:
+            axes.plot(*[np.full(len(runs[j]), places[j]), runs[j]][along], ".", alpha=0.35, **look)
+        means = np.array([runs[j].mean() for j in known])
+        half = np.nan_to_num([half_width(runs[j]) for j in known])
+        look |= {"yerr" if number else "xerr": half, "fmt": "o-" if number else "o", "label": name or None}
+        ends: Any = [places[known], means][along]
+        axes.errorbar(*ends, lw=1.2, capsize=3, **look)
+    axes.set_title(spread.y_label)
+    if number:
+        axes.set_xticks(at, list(spread.values))
+        axes.set(xlabel=spread.x_label, ylim=(0.0, None))
+    else:
+        axes.set_yticks(at, list(spread.values))
+        axes.set(ylabel=spread.x_label, ylim=(len(at) - 0.5, -0.5))
+    _lines(axes, "y" if number else "x")
+    if any(spread.curves):
+        axes.legend()
+
+
+def _lines(axes: Axes, along: Any) -> None:
+    axes.grid(axis=along, color=GRID, lw=0.6)
+    axes.set_axisbelow(True)
+
+
+def _legend(axes: Axes, names: Sequence[str]) -> None:
+    """Between the title and the data, never on it; in as many columns as there is room for over the axes."""
+    figure, place = axes.get_figure(root=True), axes.get_subplotspec()
+    assert figure is not None and place is not None
+    room = figure.get_figwidth() * len(place.colspan) / place.get_gridspec().ncols - 1.0
+    for columns in range(min(len(names), 4), 0, -1):
+        longest = [max(map(len, part)) for part in np.array_split(np.array(names, object), columns)]
+        if sum(0.33 + 0.055 * letters for letters in longest) < room:
+            break
+    axes.title.set_y(1.0)
+    axes.set_title(axes.get_title(loc="left"), pad=8.0 + 13.0 * -(-len(names) // columns), loc="left")
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1, handlelength=1.2,
+        columnspacing=1.2, handletextpad=0.5,
+    )  # fmt: skip

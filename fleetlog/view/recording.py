@@ -61,14 +61,10 @@ FLEET_CURVES: dict[str, dict[str, tuple[float, Colour]]] = {
 def write_recording(
     dataset_path: str | Path, out_rrd: str | Path, *, rate_hz: float = RATE, day: str | None = None
 ) -> Path:
-    """The replay of a dataset as an .rrd file that opens with everything in view.
+    """The replay of a dataset, or of one ``day`` (UTC, YYYY-MM-DD), as an .rrd file, whole or not at all.
 
-    Parameters
-    ----------
-    dataset_path : folder of the dataset; it may still be the scratch folder of one being written.
-    out_rrd : the file; it appears whole or not at all, and replaces an older one.
-    rate_hz : samples a second kept of every vehicle; values are picked, not averaged.
-    day : show the rows of this day (UTC, YYYY-MM-DD) alone.
+    ``rate_hz`` samples a second are kept of every vehicle; values are picked, not averaged.  The dataset may
+    still be the scratch folder of one being written; an older file is replaced.
     """
     dataset = opened(dataset_path, day)
     site = dataset.site
@@ -109,7 +105,7 @@ def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet) -> None:
         stream.static(lane.path("trucks", "body", "fork"), mesh3d(truck_fork()))
         for signal in sorted(signals):
             stream.static(lane.path(signal), curve_style(f"{lane.vehicle} {fleet.name}".strip(), lane.colour))
-        log_ways(stream, prefix, lane.vehicle, lane.colour, ways, dataset.site)
+        log_ways(stream, lane, ways)
         screen.signals |= signals
         screen.trails.append(lane.path("trail"))
     if known is not None and lanes:
@@ -190,24 +186,24 @@ def _log_block(stream: Stream, fleet: Fleet, time: Ints, v: dict[str, Singles]) 
     lifted = np.column_stack([v[c][loaded] for c in "xyz"])
     lifted[:, 2] += np.nan_to_num(v["fork_height"][loaded])
     for part, here, places in (("bodies", known, xyz), ("loads", loaded, lifted)):
-        stream.parts(
-            entity(prefix, "trucks", part), time, here.sum(axis=1), rr.InstancePoses3D,
+        stream.rows(
+            entity(prefix, "trucks", part), time, rr.InstancePoses3D, here.sum(axis=1),
             translations=places, quaternions=of.quaternions(np.nan_to_num(v["heading"][here])),
         )  # fmt: skip
-    stream.parts(
-        entity(prefix, "trucks", "charge"), time, known.sum(axis=1), rr.Points3D,
+    stream.rows(
+        entity(prefix, "trucks", "charge"), time, rr.Points3D, known.sum(axis=1),
         positions=xyz + np.array([0.0, 0.0, 3.0], np.float32), colors=palette.soc_colours(v["soc"][known]),
     )  # fmt: skip
     moving = (known & ~(v["speed"] <= MOVING))[::TRAIL_EVERY]
     trail = np.column_stack([v[c][::TRAIL_EVERY][moving] for c in "xyz"])
-    stream.parts(
-        entity(prefix, "trail", "fleet"), time[::TRAIL_EVERY], moving.sum(axis=1), rr.Points3D,
+    stream.rows(
+        entity(prefix, "trail", "fleet"), time[::TRAIL_EVERY], rr.Points3D, moving.sum(axis=1),
         positions=trail + np.array([0.0, 0.0, 0.1], np.float32),
     )  # fmt: skip
     if (frame := fleet.dataset.site.frame) is not None:
         seen, path = known[::MAP_EVERY], entity(prefix, "geo", "fleet")
         where = np.column_stack(frame.to_geographic(*(v[c][::MAP_EVERY][seen] for c in "xy")))
-        stream.parts(path, time[::MAP_EVERY], seen.sum(axis=1), rr.GeoPoints, positions=where)
+        stream.rows(path, time[::MAP_EVERY], rr.GeoPoints, seen.sum(axis=1), positions=where)
     found = set()
     for column, (signal, factor) in of.CURVES.items():
         shown = known & (v["speed"] > MOVING) if column == "speed" else known

@@ -27,10 +27,7 @@ WIDE = 2.5  # Width by height of one of two maps above one another
 
 
 def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> Path:
-    """The shapes of a result as an .rrd file, which appears whole or not at all, and replaces an older one.
-
-    Bars, and curves over something else than time, are in the picture and in the text only.
-    """
+    """The shapes of a result as an .rrd file, whole or not at all; bars and curves not over time in words."""
     outline = shapes_outline(result, site)
     extent = around(outline)
     with open_stream(Path(out_rrd), f"{site.name}, {result.name}") as stream:
@@ -42,7 +39,7 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
         stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         if not _times(result):
             # A view of a recording without any time stays on "static"; one instant makes the timeline.
-            stream.columns("/result/instant", np.zeros(1, np.int64), rr.Scalars, scalars=[0.0])
+            stream.rows("/result/instant", np.zeros(1, np.int64), rr.Scalars, scalars=[0.0])
         blueprint.send(stream, _screen(result, outline))
     return Path(out_rrd)
 
@@ -161,10 +158,10 @@ def _log_lines(stream: Stream, path: str, shape: MovingLines) -> None:
     flags = np.concatenate([np.zeros(0, bool), *shape.critical]).astype(bool)
     colours = np.where(flags[:, None], palette.CRITICAL, palette.CALM).astype(np.uint8)
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(2.2)))
-    stream.parts(path, shape.time, lengths, rr.LineStrips3D, strips=strips, colors=colours)
+    stream.rows(path, shape.time, rr.LineStrips3D, lengths, strips=strips, colors=colours)
     dots, tints = strips.reshape(-1, 3), np.repeat(colours, 2, axis=0)
     stream.static(f"{path}/trucks", rr.Points3D.from_fields(radii=ui_points(5.0)))
-    stream.parts(f"{path}/trucks", shape.time, 2 * lengths, rr.Points3D, positions=dots, colors=tints)
+    stream.rows(f"{path}/trucks", shape.time, rr.Points3D, 2 * lengths, positions=dots, colors=tints)
 
 
 def _short(value: float) -> str:
@@ -197,10 +194,7 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     screen = blueprint.Screen(outline, (), duration=duration)
 
     def view(layer: Grid | EdgeValues | None, name: str, plan: bool, *hidden: str) -> Any:
-        """One map with all marks but those of another one.
-
-        Heat lies under the rims and arrows of the roads, and takes the place of their surface.
-        """
+        """One map with all marks but those of another one; heat takes the place of the roads' surface."""
         of = None if layer is None else layer.name
         over = [s for s in result.shapes if isinstance(s, MovingLines | Flows | Marks)]
         shown = [*(s.name for s in over if getattr(s, "on", None) in (None, of)), *([of] if of else [])]

@@ -14,6 +14,12 @@ from fleetlog.view.palette import Colour
 POINTS, DASH = 25, 1.6  # Points of an arc, and length of the dashes of a broken one [m]
 RISE, LOWEST, HIGHEST = 0.16, 1.5, 11.0  # Height of an arc over its span, and its bounds [m]
 HEAD, SPACING = 1.3, 14.0  # Length of an arrow's head, and between arrows on a road [m]
+Painted = tuple[Floats, Colour]  # Triangles (m, 3, 3) [m] of one colour
+_FACES = np.array(
+    [[0, 3, 2], [0, 2, 1], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
+     [2, 3, 7], [2, 7, 6], [1, 2, 6], [1, 6, 5], [3, 0, 4], [3, 4, 7]]
+)  # fmt: skip
+LOAD_CENTRE, LOAD_HALF = (1.9, 0.0, 0.55), (0.55, 0.5, 0.45)  # Of a load's box on the forks [m]
 
 
 def offset(points: Floats, left: float) -> Floats:
@@ -68,10 +74,7 @@ def disc(x: float, y: float, radius: float, lift: float, inner: float = 0.0, cor
 
 
 def triangulate(polygon: Floats) -> Ints:
-    """(n - 2, 3) counter-clockwise vertex indices of a simple polygon (n, 2), by clipping ears.
-
-    Of a polygon that crosses itself some corner is clipped where there is no ear.
-    """
+    """(n - 2, 3) counter-clockwise corners of a polygon (n, 2), by clipping ears; any corner if none is."""
     x, y = np.asarray(polygon, dtype=np.float64).T
     clockwise = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() < 0.0
     left = np.arange(len(x))[:: -1 if clockwise else 1]
@@ -148,14 +151,9 @@ def ring(radius: float, height: float) -> Floats:
 
 def bolt(size: float, height: float) -> Floats:
     """(6, 3) a lightning bolt over the origin, leaning so that it is seen from above and from the south."""
-    flat = np.array(
-        [[0.1, 1.0], [-0.45, -0.1], [0.05, -0.05], [-0.1, -1.0], [0.45, 0.15], [-0.05, 0.1], [0.1, 1.0]]
-    )
-    lean = np.sqrt(0.5)
-    return size * np.column_stack([flat[:, 0], lean * flat[:, 1], lean * flat[:, 1]]) + [0.0, 0.0, height]
-
-
-Painted = tuple[Floats, Colour]  # Triangles (m, 3, 3) [m] of one colour
+    x, y = np.array([[0.1, -0.45, 0.05, -0.1, 0.45, -0.05, 0.1], [1.0, -0.1, -0.05, -1.0, 0.15, 0.1, 1.0]])
+    lean = np.sqrt(0.5) * y
+    return size * np.column_stack([x, lean, lean]) + [0.0, 0.0, height]
 
 
 def mesh3d(parts: Sequence[Painted], alpha: int = 255) -> rr.Mesh3D:
@@ -170,12 +168,6 @@ def mesh3d(parts: Sequence[Painted], alpha: int = 255) -> rr.Mesh3D:
         vertex_colors=np.repeat(colours, [3 * len(faces) for faces, _ in parts], axis=0),
         albedo_factor=None if alpha == 255 else [255, 255, 255, alpha],
     )  # fmt: skip
-
-
-_FACES = np.array(
-    [[0, 3, 2], [0, 2, 1], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
-     [2, 3, 7], [2, 7, 6], [1, 2, 6], [1, 6, 5], [3, 0, 4], [3, 4, 7]]
-)  # fmt: skip
 
 
 def box(low: Sequence[float], high: Sequence[float], colour: Colour) -> Painted:
@@ -207,7 +199,3 @@ def truck_fork() -> list[Painted]:
     steel = (190, 196, 205)
     tines = [box((1.3, y - 0.07, 0.02), (2.4, y + 0.07, 0.08), steel) for y in (-0.25, 0.25)]
     return [box((1.25, -0.45, 0.02), (1.32, 0.45, 0.6), steel), *tines]
-
-
-LOAD_CENTRE, LOAD_HALF = (1.9, 0.0, 0.55), (0.55, 0.5, 0.45)
-"""The box of a load on the forks: centre and half sizes [m]."""

@@ -10,16 +10,15 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import Frame, Place, Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.view import clock, palette, ribbons
+from fleetlog.view.fleet import Lane
 from fleetlog.view.ribbons import mesh3d
 from fleetlog.view.stream import Stream, entity, ui_points
 
 DEFAULT_WIDTH = 3.5  # Drawn width of a road [m] whose map gives none
-MANY_LABELS, MANY_PLACES = 30, 8
-"""From here on labels would hide the floor; they are then shown under the pointer only."""
+MANY_LABELS, MANY_PLACES = 30, 8  # From here on labels, which would hide the floor, show under the pointer
 POINTS_A_DAY = 4000
 BREAK = 200.0  # A step longer than this [m] is a jump of the log, not a way
-RAISED = np.array([0.0, 0.0, 0.05])
-"""Lines lie this much over the surfaces, so that they are not hidden in them [m]."""
+RAISED = np.array([0.0, 0.0, 0.05])  # Lines lie this much over the surfaces, not hidden in them [m]
 
 
 def drawn_width(network: Network, edge: int) -> float:
@@ -139,17 +138,15 @@ def ways_of(t: Trajectory) -> list[Floats]:
     return [p for p in pieces if len(p) > 1]
 
 
-def log_ways(
-    stream: Stream, prefix: str, vehicle: str, colour: palette.Colour, ways: list[Floats], site: Site
-) -> None:
+def log_ways(stream: Stream, of: Lane, ways: list[Floats]) -> None:
     """Draw them dimmed, so that the truck and its trail stand out."""
     if not ways:
         return
-    tint = [tuple(int(40 + 0.35 * c) for c in colour)]
+    tint, frame = [tuple(int(40 + 0.35 * c) for c in of.colour)], of.fleet.dataset.site.frame
     strips = [np.column_stack([w, np.zeros(len(w))]) for w in ways]
     lines = rr.LineStrips3D(strips, colors=tint, radii=ui_points(0.8))
-    stream.static(entity("site", "driven", prefix, vehicle), lines)
-    if site.frame is not None:
-        on_earth = [np.column_stack(site.frame.to_geographic(*w.T)) for w in ways]
+    stream.static(entity("site", "driven", of.fleet.prefix, of.vehicle), lines)
+    if frame is not None:
+        on_earth = [np.column_stack(frame.to_geographic(*w.T)) for w in ways]
         drawn = rr.GeoLineStrings(lat_lon=on_earth, colors=tint * len(ways), radii=ui_points(1.0))
-        stream.static(entity("geo", "driven", prefix, vehicle), drawn)
+        stream.static(entity("geo", "driven", of.fleet.prefix, of.vehicle), drawn)

@@ -45,12 +45,8 @@ class Stream:
         """Data without a time."""
         self.recording.log(path, archetype, static=True)
 
-    def columns(self, path: str, time: Ints, kind: Any, **fields: Any) -> None:
-        """One instance of the archetype ``kind`` at each ``time``; its ``fields`` have one row a time."""
-        self.parts(path, time, None, kind, **fields)
-
-    def parts(self, path: str, time: Ints, lengths: Ints | None, kind: Any, **fields: Any) -> None:
-        """Like :meth:`columns` for ``lengths`` instances at each time; ``fields`` hold all of them."""
+    def rows(self, path: str, time: Ints, kind: Any, lengths: Ints | None = None, **fields: Any) -> None:
+        """One instance of the archetype ``kind`` at each ``time``, or ``lengths`` (T,); ``fields`` of all."""
         ends = np.append(0, np.cumsum(np.ones(len(time), np.int64) if lengths is None else lengths))
         for begin in range(0, len(time), CHUNK):
             rows = slice(begin, min(begin + CHUNK, len(time)))
@@ -66,10 +62,7 @@ class Stream:
 
 @contextmanager
 def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Iterator[Stream]:
-    """A stream that writes the .rrd file ``path``, which appears when it is whole, and replaces an older one.
-
-    Errors of the data and of writing raise, nothing is dropped in silence.
-    """
+    """A stream into the .rrd file ``path``, which appears whole, replacing an older one; errors raise."""
     rr.set_strict_mode(True)
     # No recording id of our own: the viewer would take two files of one id for one recording.
     recording = rr.RecordingStream(APPLICATION, send_properties=True)

@@ -31,10 +31,8 @@ WAIT = 60.0  # Longest wait for the viewer [s]
 def recording_of(
     path: Path, *, rate_hz: float | None = None, day: str | None = None, say: Callable[[str], None] = print
 ) -> Path:
-    """The .rrd file of a recording, an analysis or a dataset; made, or made again, for that where needed.
-
-    That of one ``day`` of a dataset, or of one elsewhere, is in a folder that goes when this process ends.
-    """
+    """The .rrd file of a recording, an analysis or a dataset; made, or made again, where needed.  That of
+    one ``day`` of a dataset, or of one elsewhere, is in a folder that goes when this process ends."""
     if path.is_file():
         with path.open("rb") as stream:
             if stream.read(4) != b"RRF2":
@@ -188,10 +186,7 @@ def pause_at(client: Any, nanoseconds: int | None) -> None:
 
 @contextmanager
 def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Iterator[Any]:
-    """Rerun's client of a viewer that has ``rrd`` open and listens on this machine only.
-
-    :class:`ViewerError` where it cannot run.
-    """
+    """Rerun's client of a viewer of ``rrd``, for this machine only; :class:`ViewerError` if none runs."""
     from rerun.experimental import ViewerClient
 
     if (why := vulkan_missing()) is not None:
@@ -226,10 +221,7 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
 
 
 def screenshot(rrd: str | Path, out: str | Path, *, at: int | None = None, settle: float = 7.0) -> Path:
-    """The whole window as PNG, at time ``at`` [ns] (the middle of the recording by default).
-
-    ``settle`` seconds are given to load, and to let the notices of the viewer fade.
-    """
+    """The window as PNG at time ``at`` [ns], else the recording's middle, ``settle`` [s] after it is set."""
     with open_headless(rrd) as client:
         pause_at(client, at)
         client.take_screenshot()

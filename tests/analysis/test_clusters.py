@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleetlog.analysis.clusters.kernels import cluster_steps, reachable
+from fleetlog.analysis.kernels import cluster_steps, reachable
 from fleetlog.core.network import Edge, build_network, reversed_edge
 
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleetlog.analysis.heatmap import difference, heatmap
-from fleetlog.analysis.occupancy.kernels import accumulate
-from fleetlog.analysis.occupancy.maps import cells_of, compute, compute_by, extent, values
+from fleetlog.analysis.kernels import accumulate
+from fleetlog.analysis.occupancy import cells_of, compute, compute_by, extent, values
 from fleetlog.errors import DataError
 
 from .conftest import write

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from fleetlog.analysis.placement.demand import (
+from fleetlog.analysis.placement.plan import (
     flow_counts,
     link_matrix,
     peak,

@@ -48,7 +48,7 @@ def density() -> None:
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components, dijkstra
 
-    from fleetlog.analysis.clusters.kernels import cluster_steps, reachable
+    from fleetlog.analysis.kernels import cluster_steps, reachable
 
     limit = 15.0
     print(
@@ -101,7 +101,7 @@ def density() -> None:
 
 
 def heatmap() -> None:
-    from fleetlog.analysis.occupancy.kernels import accumulate
+    from fleetlog.analysis.kernels import accumulate
 
     n, size = 10_000_000, 1000
     rng = np.random.default_rng(0)

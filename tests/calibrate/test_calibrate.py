@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fleetlog.calibrate.fit import Fit, fit
-from fleetlog.calibrate.observe import of_motion, of_runs, together
-from fleetlog.calibrate.parameters import UNKNOWNS
+from fleetlog.calibrate.fit import UNKNOWNS, Fit, fit
+from fleetlog.calibrate.observe import Run, of_motion, of_runs, read_runs, together
 from fleetlog.calibrate.report import blind_line, lines, summary, truck_toml
-from fleetlog.calibrate.runs import Run, read_runs
 from fleetlog.cli.commands import load_verb
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck, load_truck, truck_from_dict
@@ -72,7 +70,7 @@ def drawn(rng: np.random.Generator) -> Truck:
     """A truck drawn from the prior."""
     truth = TRUCK
     for u in UNKNOWNS:
-        low, high = u.bounds()
+        low, high = u.in_file["low"], u.in_file["high"]
         while True:
             value = TRUCK.value(u.key) + rng.normal() * u.deviation(TRUCK)
             if low <= value <= high:

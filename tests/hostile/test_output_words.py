@@ -287,7 +287,7 @@ def test_a_recording_is_whole_or_an_error(tmp_path: Path) -> None:
 
     out = tmp_path / "r.rrd"
     with open_stream(out, "r") as stream:
-        stream.columns("/a", np.arange(70_000), rr.Scalars, scalars=np.sin(np.arange(70_000)))
+        stream.rows("/a", np.arange(70_000), rr.Scalars, scalars=np.sin(np.arange(70_000)))
     whole = out.read_bytes()
     check_whole(out)
     for broken in (whole[:-1], whole[: len(whole) // 2], b"", whole[:100] + whole[200:], whole + b"x"):
@@ -303,7 +303,7 @@ def test_a_recording_is_whole_or_an_error(tmp_path: Path) -> None:
             pytest.raises(OutputError, match="No space left"),
             open_stream(tmp_path / "f.rrd", "f") as stream,
         ):
-            stream.columns("/a", np.arange(70_000), rr.Scalars, scalars=np.zeros(70_000))
+            stream.rows("/a", np.arange(70_000), rr.Scalars, scalars=np.zeros(70_000))
     assert not (tmp_path / "f.rrd").exists() and not list(tmp_path.glob(".f*"))
 
 

@@ -8,8 +8,7 @@ import pytest
 from scipy.stats import ks_2samp
 from simulated_sites import PLACES, TRUCK, grid
 
-from fleetlog.simulate.demand import Itineraries, at_places, like
-from fleetlog.simulate.drivers import recorded_drivers
+from fleetlog.simulate.demand import Itineraries, at_places, like, recorded_drivers
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.tasks import Visit
 from fleetlog.simulate.ways import recorded_turns, with_turns

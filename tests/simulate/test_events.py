@@ -286,7 +286,7 @@ def test_what_counts_as_reserved_is_what_trucks_hold(tmp_path):
     with DatasetWriter.create(tmp_path / "sim", "simulated", site) as writer:
         settings = Settings(vehicles=45, duration=800.0, seed=1, interval=1.0)
         world = build_world(site, TRUCK, 45)
-        run_ = engine.Run(world, settings, Demand(), engine.vehicle_names(45), writer)
+        run_ = engine.Run(world, settings, Demand(), writer)
         f, pieces, lanes = run_.fleet, len(world.roads.length), len(world.roads.clear)
         for step0 in range(0, 8000, run_.steps):
             run_.batch(step0)

@@ -14,8 +14,7 @@ from fleetlog.cli.commands import load_verb
 from fleetlog.core.result import half_width
 from fleetlog.errors import DataError, InputError, OutputError
 from fleetlog.simulate.engine import Settings
-from fleetlog.simulate.experiment import experiment, factor, variants
-from fleetlog.simulate.scenario import Scenario
+from fleetlog.simulate.scenario import Scenario, experiment, factor, variants
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.events import read_table
 

@@ -32,8 +32,7 @@ from fleetlog.core.result import (
 from fleetlog.core.site import Site
 from fleetlog.errors import OutputError
 from fleetlog.view.palette import scale_of, scales_of, screen_colours
-from fleetlog.view.panels import draw_spread
-from fleetlog.view.picture import write_picture
+from fleetlog.view.picture import draw_spread, write_picture
 from fleetlog.view.results import write_result_recording
 
 EMPTY: list[Shape] = [

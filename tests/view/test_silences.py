@@ -15,7 +15,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import InputError
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.view.clock import MINUTE, SKIPPED, Clock, clock_of
-from fleetlog.view.panels import _over_time
+from fleetlog.view.picture import _over_time
 from fleetlog.view.recording import write_recording
 from fleetlog.view.viewer import describe_recording
 

@@ -135,7 +135,7 @@ def places(network: Network, edge: Index, offset: Floats) -> Ints:
     return canonical.astype(np.int64) * PLACES + (np.clip(along, 0, None) // BIN).astype(np.int64)
 
 
-def critical_areas(network: Network, s: pd.DataFrame, watched: Watched, seed: int = 0) -> pd.DataFrame:
+def critical_areas(network: Network, s: pd.DataFrame, watched: Watched) -> pd.DataFrame:
     """Connected places with critical delay, most delay first.
 
     Columns: area, x, y [m], delay [s], vehicle_seconds [s], episodes, vehicles, episodes_per_hour, roads,
@@ -157,7 +157,7 @@ def critical_areas(network: Network, s: pd.DataFrame, watched: Watched, seed: in
     days = (watched.stop - 1 - watched.start) // DAY + 1
     by_day = (s["time"].to_numpy() - watched.start) // DAY
     unit, units = (by_day, days) if days >= 5 else (s["truck"].to_numpy(), len(watched.vehicles))
-    low, high, first = _resampled(group[index], unit, units, s["delay"].to_numpy(), seed)
+    low, high, first = _resampled(group[index], unit, units, s["delay"].to_numpy())
     rows = []
     for a, (_, own) in enumerate(s.groupby(group[index])):
         here, delay = group == a, own["delay"].to_numpy()
@@ -184,11 +184,11 @@ def delay_by_place(s: pd.DataFrame) -> tuple[Ints, Floats]:
     return codes, np.asarray(np.bincount(inverse, s["delay"], len(codes)), dtype=np.float64)
 
 
-def _resampled(area: Ints, unit: Ints, units: int, delay: Floats, seed: int) -> tuple[Floats, ...]:
+def _resampled(area: Ints, unit: Ints, units: int, delay: Floats) -> tuple[Floats, ...]:
     """90 % interval of every area's delay and its share of first ranks, over 500 resamples of all units."""
     table = np.zeros((units, int(area.max()) + 1))
     np.add.at(table, (unit, area), delay)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     draws = rng.multinomial(units, np.full(units, 1 / units), size=500) @ table
     first = np.bincount(draws.argmax(axis=1), minlength=table.shape[1]) / len(draws)
     return (*np.quantile(draws, [0.05, 0.95], axis=0), first)
@@ -206,11 +206,8 @@ def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> Ints:
 
 
 def timeline(c: Crowds, watched: Watched, area: Ints, dates: Sequence[str]) -> Series:
-    """Trucks in open episodes on the ``dates`` with data, by area of the first ones and elsewhere.
-
-    ``area`` (C,) is that of each cluster, 0 elsewhere, -1 for none.  Of long recordings the most in each of
-    ``MOST_POINTS`` intervals.
-    """
+    """Trucks in open episodes on the ``dates`` with data, by ``area`` (C,) of the clusters (0 elsewhere, -1:
+    none), the first ones; of long recordings the most in each of ``MOST_POINTS`` intervals."""
     steps = -(-(watched.stop - watched.start) // watched.step)
     width = watched.step * max(1, -(-steps // MOST_POINTS))
     time = np.arange(watched.start, watched.stop, width, dtype=np.int64)

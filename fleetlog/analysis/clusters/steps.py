@@ -34,11 +34,8 @@ COLUMNS = ("edge_id", "edge_offset", "speed", "trip_id")
 
 @dataclass(frozen=True)
 class Fleet:
-    """All trucks on one time grid; (T, V) arrays.
-
-    ``edge`` is -1 where a truck is off the map or silent; ``standing_by`` marks trucks that have ended a trip
-    and not set off again: parked, charging or handling a load.
-    """
+    """All trucks on one time grid; (T, V) arrays.  ``edge`` is -1 where a truck is off the map or silent;
+    ``standing_by``: it has ended a trip and not set off again: parked, charging or handling a load."""
 
     vehicles: tuple[str, ...]
     time: Ints
@@ -75,10 +72,7 @@ def on_grid(dataset: Dataset, date: str, grid: Ints) -> Fleet:
 def along_route(
     t: Trajectory, arrived: Mask, grid: Ints, network: Network
 ) -> tuple[Index, Floats, Floats, Mask]:
-    """(G,) edge, offset, speed and ``arrived`` at the times ``grid`` (G,) within a truck's rows.
-
-    Linear along the route from row to row; the edge is -1 in a gap longer than ``MAX_GAP``.
-    """
+    """(G,) edge (-1: gap), offset, speed and ``arrived`` at times ``grid`` (G,), linear along the route."""
     edge, length = t.labels("edge_id").recode(network.index), network.length
     offset, speed = (np.nan_to_num(t.floats(c)) for c in ("edge_offset", "speed"))
     i = np.searchsorted(t.time, grid, side="right") - 1
@@ -101,16 +95,13 @@ def along_route(
 
 
 def _about(dataset: Dataset, vehicle: str, date: str, start: int, stop: int) -> tuple[Trajectory, Mask]:
-    """The rows of a vehicle from just before ``start`` to just after ``stop``, and which are standing by.
-
-    A truck that stands in a jam at midnight has not arrived: the next day tells; and the steps at midnight
-    lie between rows of two days.
-    """
+    """A vehicle's rows from just before ``start`` to just after ``stop``, of any day; which stand by."""
     before, today, after = (str(np.datetime64(date, "D") + k) for k in (-1, 0, 1))
     t = dataset.read(vehicle, today, COLUMNS)
     if start < t.time[0] and len(last := dataset.read(vehicle, before, COLUMNS)[-1:]):
         t = concatenate([last, t])
     last_trip = t.time[np.searchsorted(t.trip_ids(), t.trip_ids()[-1])]
+    # A truck that stands in a jam at midnight has not arrived: the next day tells.
     if stop >= min(last_trip, t.time[-1]) and len(more := dataset.read(vehicle, after, COLUMNS)):
         t = concatenate([t, more])
     a = max(int(np.searchsorted(t.time, start, side="right")) - 1, 0)
@@ -167,7 +158,7 @@ def find_crowds(dataset: Dataset, date: str, start: int, stop: int, rule: Rule) 
 
 def _clusters(fleet: Fleet, edge: Index, network: Network, rule: Rule) -> Crowds:
     """Clusters at every step of the trucks that have an ``edge`` (T, V)."""
-    from fleetlog.analysis.clusters.kernels import cluster_steps, reachable
+    from fleetlog.analysis.kernels import cluster_steps, reachable
 
     near = reachable(network.length, network.next_first, network.next_edges, float(rule.threshold))
     labels, arcs, arc_first = cluster_steps(edge, fleet.offset, network.length, *near, rule.threshold)

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.placement.demand import Unit, peak
-from fleetlog.analysis.placement.plan import UNITS, Question, Weighed, total
+from fleetlog.analysis.placement.plan import UNITS, Question, Unit, Weighed, peak, total
 from fleetlog.analysis.placement.select import Choice, finite, greedy, top_k
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.network import Network

@@ -19,8 +19,7 @@ from fleetlog.errors import DataError
 STARTS, MOST_ROUNDS, ROUNDS = 10, 10_000, 3000
 EXACT_CELLS = 20_000  # Up to so many demand-site pairs HiGHS settles the p-median when the bound leaves a gap
 CAPACITY_CELLS = 200_000
-PATIENCE = 60.0
-"""HiGHS works so long on a p-median with capacities, then its best answer and its gap are taken [s]."""
+PATIENCE = 60.0  # HiGHS works so long on a p-median with capacities; its best answer and gap are taken [s]
 
 
 @dataclass(frozen=True)
@@ -164,10 +163,8 @@ def _capacitated(
 
 
 def _program(cost: Floats, k: int, forced: Mask, share: Floats | None = None, capacity: float = 1.0) -> Any:
-    """The p-median by HiGHS on x (n,), integer, then y (m n,): y_ij <= x_j, sum_j y_ij = 1, sum x <= k.
-
-    With the ``share`` (m,) of each demand also sum_i share_i y_ij <= capacity x_j.
-    """
+    """The p-median by HiGHS on x (n,), integer, and y (m n,): y_ij <= x_j, sum_j y_ij = 1, sum x <= k;
+    with the ``share`` (m,) of each demand also sum_i share_i y_ij <= capacity x_j."""
     m, n = cost.shape
     i, j = (a.ravel() for a in np.mgrid[0:m, 0:n])
     row, site, width = np.arange(m * n), np.arange(n), n + m * n

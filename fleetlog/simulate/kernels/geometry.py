@@ -121,10 +121,8 @@ def meetings(
     x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: Mask, half_l: float,
     half_w: float, skip: Index,
 ) -> Any:  # fmt: skip
-    """Pairs (a, b), a < b, of samples of different owners whose boxes meet; at least one of them in ``ask``.
-
-    Those in ``ask`` pass over the owner ``skip`` (N,), -1 where they pass over none.
-    """
+    """Pairs (a, b), a < b, of samples of different owners whose boxes meet, at least one of them in ``ask``;
+    those pass over the owner ``skip`` (N,), -1 where they pass over none."""
     c = new_cells(x, y, 2.0 * np.sqrt(half_l * half_l + half_w * half_w), len(x))
     put(c, np.column_stack((x, y, heading)), owner, owner)
     cos, sin = np.cos(heading), np.sin(heading)
@@ -149,11 +147,8 @@ def meetings(
 @kernel()
 def spur_is_free(c: Cells, path: Floats, half_l: float, half_w: float, lane: int, reverse: int) -> bool:
     """Whether a spur (n, 4) touches no parked truck and no safe part of other lanes than ``lane`` and
-    ``reverse``, its end nothing; cells are wider than two boxes.
-
-    From the bay outwards: most ground that is taken is taken there.
-    """
-    for i in range(len(path) - 1, -1, -1):
+    ``reverse``, its end nothing; cells are wider than two boxes."""
+    for i in range(len(path) - 1, -1, -1):  # most ground that is taken is taken at the bay
         x, y, cos, sin = path[i, 0], path[i, 1], np.cos(path[i, 2]), np.sin(path[i, 2])
         low, high, left, right = cells_near(c, x, y)
         for r in range(low, high):
@@ -184,10 +179,8 @@ def brake_ahead(cap: Floats, first: Ints, spacing: Floats, down: float) -> Float
 def expand(
     piece: Index, s: Floats, back: Mask, first: Ints, spacing: Floats, samples: Floats, edge: Index
 ) -> tuple[Floats, Index]:
-    """(8, N) columns of ``samples`` (S, 8), see ``Track.samples``, and (N,) edge at places of pieces.
-
-    ``back`` (N,): who backs there.
-    """
+    """(8, N) columns of ``samples`` (S, 8), see ``Track.samples``, and (N,) edge at places of pieces;
+    ``back`` (N,): who backs there."""
     n = len(piece)
     out = np.empty((8, n))
     where = np.empty(n, np.int32)

@@ -1,7 +1,4 @@
-"""Lanes and junctions: how fast on them, who is in line there; passages are reserved whole or not at all.
-
-From piece to piece of a route, and into a bay and out of it.
-"""
+"""Lanes and junctions: how fast, who is in line there; passages are reserved whole or not at all."""
 
 import numpy as np
 
@@ -75,10 +72,8 @@ def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
 
 @inner
 def is_free(r: Roads, f: Fleet, v: int, what: int, ahead: bool) -> bool:
-    """Whether nobody else holds or has claimed what excludes resource ``what``.
-
-    For who is ``ahead``, on the road already, claims do not count, nor trucks behind it on its piece.
-    """
+    """Whether nobody else holds or has claimed what excludes resource ``what``; for who is ``ahead``, on the
+    road already, claims do not count, nor trucks behind it on its piece."""
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
         q = r.conflicts[i]
         others = f.held[q]

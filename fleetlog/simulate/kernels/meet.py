@@ -117,10 +117,8 @@ def skip_open(g: Gates, s: State, u: int) -> None:
 
 @inner
 def opens_before(d: Drives, g: Gates, s: State, q: int, ahead: float, pace: float, down: Floats) -> bool:
-    """Whether gate ``q`` opens before a truck comes there that has ``ahead`` [m] to go, at most at ``pace``.
-
-    So it is where the other truck, on the trip in question, can no longer stop before it has passed.
-    """
+    """Whether gate ``q`` opens before a truck with ``ahead`` [m] to go comes there, at most at ``pace``: the
+    other truck, on the trip in question, can no longer stop before it has passed."""
     other, i = g.truck[q], g.node[q]
     k = s.trip[other]
     if s.node[other] < d.first[k] or i >= d.first[k + 1]:
@@ -194,10 +192,8 @@ def arrives(d: Drives, s: State, u: int, now: float) -> bool:
 
 @kernel()
 def meet(first_trip: Ints, d: Drives, g: Gates, s: State, up: Floats, down: Floats) -> Floats:
-    """Drive all trips, those of truck v being ``first_trip[v]:first_trip[v + 1]``.
-
-    (M, 4) trip, seconds since it began, distance, speed at every step.
-    """
+    """Drive all trips, those of truck v being ``first_trip[v]:first_trip[v + 1]``; (M, 4) trip, seconds since
+    it began, distance, speed at every step."""
     log, n, left, now = np.empty((65536, 4)), 0, len(d.leave), 0.0
     while left > 0:
         soonest = np.inf

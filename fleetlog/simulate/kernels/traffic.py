@@ -24,10 +24,8 @@ def cap_at(r: Roads, piece: int, s: float, row: int) -> float:
 
 @inner
 def stop_ahead(r: Roads, f: Fleet, v: int, x: Limits, j: int, u: int, off: float) -> float:
-    """Metres to where others make a truck stop on the lane at route position ``j``, ``off`` m ahead, or inf.
-
-    ``u`` is the truck before it on that lane, -1: nobody.
-    """
+    """Metres to where others make a truck stop on the lane at route position ``j``, ``off`` m ahead, or inf;
+    ``u`` is the truck before it on that lane, -1: nobody."""
     p, room = f.route[v, j], np.inf
     o = f.last_out[p]
     if u < 0 and o >= 0 and o != v and f.left[o] == p:

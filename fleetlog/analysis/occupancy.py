@@ -1,7 +1,4 @@
-"""What trucks do where: sums over rows per cell and per stretch of road.
-
-A map is a sum over rows, so maps over the same cells add: of days, of vehicles, of shifts.
-"""
+"""What trucks do where: sums over rows per cell and stretch, which add over days, vehicles and shifts."""
 
 from __future__ import annotations
 
@@ -54,10 +51,7 @@ class Cells:
 
 @dataclass
 class HeatMap:
-    """Sums per cell (6, rows, columns) and stretch of directed edge (6, bins).
-
-    ``units``: of every vehicle-day the cells with time in them and that time, for significance.
-    """
+    """Sums per cell (6, rows, columns) and stretch (6, bins); ``units``: cells, their time by vehicle-day."""
 
     cells: Cells
     grid: Floats
@@ -196,7 +190,7 @@ def _patches(
 
 
 def _patch(t: Trajectory, use: Mask, c: Cells, network: Network | None) -> Patch:
-    from fleetlog.analysis.occupancy.kernels import accumulate
+    from fleetlog.analysis.kernels import accumulate
 
     grid = np.zeros((6, c.rows, c.columns))
     step = t.time, t.floats("speed"), t.floats("battery_power"), STANDING_SPEED, use

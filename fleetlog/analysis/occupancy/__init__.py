@@ -1,1 +1,0 @@
-"""Occupancy of floor cells and road stretches, weighted by time."""
