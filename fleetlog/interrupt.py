@@ -11,10 +11,8 @@ _state = {"installed": False, "came": False, "held": False}
 
 
 def install() -> None:
-    """Turn the signals into :class:`KeyboardInterrupt`; the command line calls it once, in its main thread.
-
-    A signal that the caller has set to be ignored (``nohup``, a background job) stays ignored.
-    """
+    """Turn the signals into :class:`KeyboardInterrupt`; the command line calls it once, in its main thread. A
+    signal that the caller has set to be ignored (``nohup``, a background job) stays ignored."""
     for number in SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _remember)

@@ -26,10 +26,8 @@ def part_names(package: str) -> list[str]:
 
 @cache
 def parts(package: str, attribute: str) -> dict[str, Any]:
-    """All parts of ``package``: the object ``attribute`` of every module that has one, then entry points.
-
-    The name of a part is its ``name`` attribute, or the module's where it has none.
-    """
+    """All parts of ``package``: the object ``attribute`` of every module that has one, then entry points. The
+    name of a part is its ``name`` attribute, or the module's where it has none."""
     found: dict[str, Any] = {}
     for module_name in part_names(package):
         part = getattr(importlib.import_module(f"{package}.{module_name}"), attribute, None)

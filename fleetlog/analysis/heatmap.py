@@ -144,12 +144,9 @@ def _lines(s: dict[str, Any]) -> list[str]:
 
 
 def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple[Floats, Mask]:
-    """Share of time per cell, a minus b, and where it is significant.
-
-    Each unit (vehicle-day) of either map is resampled whole; a cell counts where its difference lies outside
-    what pooled resampling gives, two-sided 5 % after Benjamini and Hochberg over all cells that were ever
-    visited.
-    """
+    """Share of time per cell, a minus b, and where it is significant. Each unit (vehicle-day) of either map
+    is resampled whole; a cell counts where its difference lies outside what pooled resampling gives,
+    two-sided 5 % after Benjamini and Hochberg over all cells that were ever visited."""
     shares = [m.grid[0] / max(m.grid[0].sum(), 1e-12) for m in (a, b)]
     observed = shares[0] - shares[1]
     units = [(cell, time) for cell, time in (*a.units, *b.units) if len(cell)]

@@ -12,11 +12,8 @@ def reachable(
     length: Floats, next_first: Index, next_edges: Index, limit: float
 ) -> tuple[Ints, Index, Floats]:
     """Edges that start within ``limit`` metres of the end of each edge, nearest first: CSR (first, edges,
-    distances).
-
-    Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network forbids,
-    U-turns among them, are never implied.
-    """
+    distances). Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network
+    forbids, U-turns among them, are never implied."""
     n = len(length)
     first = np.zeros(n + 1, np.int64)
     size, used = 16 * n + 16, 0

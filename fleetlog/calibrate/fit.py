@@ -35,12 +35,9 @@ COMPANION = 0.2  # A number stands in for a held one if it moves by this when th
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number of the truck file.
-
-    The prior is normal about the truck file's value with standard deviation ``spread`` (``relative``: a share
-    of the value, at least ``floor``), cut off at what a truck file allows.  ``run`` is what to measure where
-    it stays unknown.
-    """
+    """One number of the truck file. The prior is normal about the truck file's value with standard deviation
+    ``spread`` (``relative``: a share of the value, at least ``floor``), cut off at what a truck file allows.
+    ``run`` is what to measure where it stays unknown."""
 
     key: str
     words: str
@@ -76,10 +73,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
 @dataclass(frozen=True)
 class Estimate:
     """One number after the fit; ``low`` to ``high`` hold at once for all with probability ``CONFIDENCE``.
-
     ``value`` goes into the truck file: fitted, or tied to the held ones at their prior, or the prior.
-    ``remaining`` is the posterior's share of the prior variance.
-    """
+    ``remaining`` is the posterior's share of the prior variance."""
 
     unknown: Unknown
     status: Literal["fitted", "tied", "held"]

@@ -180,12 +180,9 @@ def of_runs(runs: list[Run], truck: Truck) -> Observations:
 
 
 def of_motion(motion: Motion, physics: Physics) -> Observations:
-    """The energy [Wh] of every window of a recording in which power was measured.
-
-    The deviation is that of the windows' residuals about the nominal model (robust, after the best common
-    factor), widened for disagreement that outlasts a window, so that correlated windows do not count as
-    independent.
-    """
+    """The energy [Wh] of every window of a recording in which power was measured. The deviation is that of
+    the windows' residuals about the nominal model (robust, after the best common factor), widened for
+    disagreement that outlasts a window, so that correlated windows do not count as independent."""
     known = np.isfinite(motion.power) & (motion.dt > 0.0)
     if not known.any():
         do = "calibrate needs one of them"

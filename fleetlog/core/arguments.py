@@ -22,10 +22,8 @@ LONGEST = 366 * 86400.0  # Of a duration [s]
 
 @dataclass(frozen=True)
 class Named:
-    """Any value that passes ``check``, called ``metavar`` in help.
-
-    With ``path`` it is (also) the name of a file or folder, with ``many`` a sequence of such values.
-    """
+    """Any value that passes ``check``, called ``metavar`` in help. With ``path`` it is (also) the name of a
+    file or folder, with ``many`` a sequence of such values."""
 
     metavar: str = "TEXT"
     path: bool = False

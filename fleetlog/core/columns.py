@@ -11,11 +11,9 @@ PI = 3.1415927
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of the trajectory table.
-
-    ``kind`` is one of ``string``, ``label`` (dictionary-encoded string), ``time``, ``double`` and ``int64``;
-    ``low`` and ``high`` bound what a value can be (None: no bound), in the column's unit.
-    """
+    """One column of the trajectory table. ``kind`` is one of ``string``, ``label`` (dictionary-encoded
+    string), ``time``, ``double`` and ``int64``; ``low`` and ``high`` bound what a value can be (None: no
+    bound), in the column's unit."""
 
     name: str
     kind: str

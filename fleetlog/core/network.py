@@ -20,11 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Edge:
-    """One directed edge as a map format describes it; the raw material of :class:`Network`.
-
-    ``points`` is (n, 3), n >= 2, metres in the site frame, along the direction of travel.  ``start``, ``end``
-    name nodes; both directions share ``road``; ``speed_limit`` [m/s], ``width`` [m] are NaN where unknown.
-    """
+    """One directed edge as a map format describes it; the raw material of :class:`Network`. ``points`` is
+    (n, 3), n >= 2, metres in the site frame, along the direction of travel. ``start``, ``end`` name nodes;
+    both directions share ``road``; ``speed_limit`` [m/s], ``width`` [m] are NaN where unknown."""
 
     id: str
     start: str
@@ -149,10 +147,8 @@ class Network:
         return np.asarray(np.arctan2(dz, np.maximum(np.hypot(dx, dy), 1e-9)), dtype=np.float64)
 
     def without(self, closed: Collection[str]) -> Network:
-        """The network without some roads, named as a road (both directions) or as an edge.
-
-        Turns stay as they are; where none is left a truck may turn round, as at any dead end.
-        """
+        """The network without some roads, named as a road (both directions) or as an edge. Turns stay as they
+        are; where none is left a truck may turn round, as at any dead end."""
         for name in set(closed) - set(self.roads):
             self.edge(name)
         kept = {i: e for i, e in enumerate(self.edges()) if e.id not in closed and e.road not in closed}

@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Grid:
     """A raster over the floor: ``values`` from south to north and from west to east, NaN where empty.
-
-    ``x0, y0`` is the south-west corner [m], ``cell`` its size [m]; ``diverging`` colours about zero.
-    """
+    ``x0, y0`` is the south-west corner [m], ``cell`` its size [m]; ``diverging`` colours about zero."""
 
     name: str
     values: Floats
@@ -46,11 +44,9 @@ class EdgeValues:
 
 @dataclass(frozen=True)
 class Marks:
-    """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas.  ``size`` (N,) in metres.
-
-    ``on`` names the one map that they belong to; by default they are drawn on all.  ``note`` says in the
-    picture which of many they are.
-    """
+    """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas. ``size`` (N,) in metres.
+    ``on`` names the one map that they belong to; by default they are drawn on all. ``note`` says in the
+    picture which of many they are."""
 
     name: str
     xy: Floats
@@ -84,10 +80,8 @@ class MovingLines:
 
 @dataclass(frozen=True)
 class Series:
-    """Curves over time or another axis: ``x`` (N,) (int64 us when ``over_time``), ``y`` by name.
-
-    The axis of ``counts`` begins at zero.
-    """
+    """Curves over time or another axis: ``x`` (N,) (int64 us when ``over_time``), ``y`` by name. The axis of
+    ``counts`` begins at zero."""
 
     name: str
     x: NDArray[Any]
@@ -134,12 +128,9 @@ Shape = Grid | EdgeValues | Marks | Flows | MovingLines | Series | Bars | Spread
 
 @dataclass
 class Result:
-    """The answer to one question.
-
-    ``summary`` is JSON-ready; a quantity's key ends in its unit or ``units`` says it.  ``tables`` are written
-    as Parquet, ``places`` (with columns x, y) as GeoJSON too.  ``lines`` are at most ten sentences.
-    ``squares`` names tables of square cells about x, y, with their size [m].
-    """
+    """The answer to one question. ``summary`` is JSON-ready; a quantity's key ends in its unit or ``units``
+    says it. ``tables`` are written as Parquet, ``places`` (with columns x, y) as GeoJSON too. ``lines`` are
+    at most ten sentences. ``squares`` names tables of square cells about x, y, with their size [m]."""
 
     name: str
     summary: dict[str, Any]

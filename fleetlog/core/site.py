@@ -21,11 +21,9 @@ PlaceKind = Literal["pick", "drop", "park", "charge"]
 
 @dataclass(frozen=True)
 class Frame:
-    """Right-handed local metres, x east, y north, z up, about an origin on the WGS 84 ellipsoid.
-
-    Azimuthal equidistant about (``latitude``, ``longitude``) [degrees]; ``rotation`` [rad] turns the local x
-    axis counter-clockwise from east.  ``timezone`` (IANA name) is of the hours in reports; data stay UTC.
-    """
+    """Right-handed local metres, x east, y north, z up, about an origin on the WGS 84 ellipsoid. Azimuthal
+    equidistant about (``latitude``, ``longitude``) [degrees]; ``rotation`` [rad] turns the local x axis
+    counter-clockwise from east. ``timezone`` (IANA name) is of the hours in reports; data stay UTC."""
 
     latitude: float
     longitude: float
@@ -68,11 +66,9 @@ class Place:
 
 @dataclass(frozen=True)
 class Zone:
-    """A polygon ((n, 2) metres) with a speed limit [m/s] (NaN: none), or under a roof.
-
-    Simulated people cross the roads through it ``closed_every`` [s] on average (0: never), and close them
-    ``closed_for`` [s] each time.
-    """
+    """A polygon ((n, 2) metres) with a speed limit [m/s] (NaN: none), or under a roof. Simulated people cross
+    the roads through it ``closed_every`` [s] on average (0: never), and close them ``closed_for`` [s] each
+    time."""
 
     id: str
     polygon: Floats
@@ -103,9 +99,7 @@ class Building:
 @dataclass(frozen=True)
 class MapFrame:
     """How a log's own frame lies in the site's: turned by ``rotation`` [rad], then moved by ``shift`` [m].
-
-    ``level`` names the floor, where a site has several.
-    """
+    ``level`` names the floor, where a site has several."""
 
     name: str
     shift: tuple[float, float] = (0.0, 0.0)
@@ -240,11 +234,9 @@ def geographic(name: str, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def frame_of_crs(name: str, easting: float, northing: float, rotation: float | None = None) -> Frame:
-    """The site frame whose origin is a point of a projected system.
-
-    Its x axis is that system's unless ``rotation`` says otherwise.  Distances are those on the ground: they
-    differ from those of the projection by its scale (0.4 m a kilometre in the middle of a UTM zone).
-    """
+    """The site frame whose origin is a point of a projected system. Its x axis is that system's unless
+    ``rotation`` says otherwise. Distances are those on the ground: they differ from those of the projection
+    by its scale (0.4 m a kilometre in the middle of a UTM zone)."""
     latitude, longitude = geographic(name, [easting, easting + 100.0], [northing, northing])
     origin = Frame(float(latitude[0]), float(longitude[0]))
     east, north = origin.to_local(latitude[1], longitude[1])

@@ -29,11 +29,9 @@ class Engine:
         return False
 
     def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
-        """Yield ``work(job)`` of every job, in the order of ``jobs``.
-
-        A job that fails leaves the rest: the first failure is raised in its turn, after the others were done.
-        ``name`` says what a job reads, for the error of an unforeseen fault.
-        """
+        """Yield ``work(job)`` of every job, in the order of ``jobs``. A job that fails leaves the rest: the
+        first failure is raised in its turn, after the others were done. ``name`` says what a job reads, for
+        the error of an unforeseen fault."""
         outcomes = self._done(work, jobs, name)
         for outcome in outcomes:
             if isinstance(outcome, FleetlogError):

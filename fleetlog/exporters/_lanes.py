@@ -34,11 +34,9 @@ class Lanes:
 
 
 def lanes_of(site: Site) -> Lanes:
-    """Every edge as a chain of lanes through its vertices and the places beside it.
-
-    An edge and its reverse that share a line share its points.  A place is reached from the nearest point of
-    the nearest road; of several at one point the first counts.
-    """
+    """Every edge as a chain of lanes through its vertices and the places beside it. An edge and its reverse
+    that share a line share its points. A place is reached from the nearest point of the nearest road; of
+    several at one point the first counts."""
     n, out = site.roads(), Lanes()
     feet = _feet(site.places, n)
     for i, edge in enumerate(n.edge_ids):

@@ -133,10 +133,8 @@ def export_dataset(
     overwrite: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Write a dataset, or its folder, in the format ``to``; the file appears whole or not at all.
-
     ``vehicles`` are those to export (all by default); ``overwrite`` says whether an older file may be
-    replaced.  Returns a summary: format, file, vehicles, rows, bytes and what the format adds.
-    """
+    replaced. Returns a summary: format, file, vehicles, rows, bytes and what the format adds."""
     if to not in (known := exporters()):
         raise InputError(f"no export format {to!r}", do=nearest(to, known))
     output, source = Path(output), dataset if isinstance(dataset, Dataset) else Dataset(dataset)

@@ -41,11 +41,9 @@ def _with_iso_time(table: pa.Table, schema: pa.Schema) -> pa.Table:
 
 
 def defused(texts: pa.ChunkedArray) -> pa.ChunkedArray:
-    """An apostrophe before every text that a spreadsheet would run as a formula.
-
-    Names such as ``-e012``, a road driven against its digitised direction, stay as they are: a sign before
-    letters, digits and ``_ . : -`` calls nothing.
-    """
+    """An apostrophe before every text that a spreadsheet would run as a formula. Names such as ``-e012``, a
+    road driven against its digitised direction, stay as they are: a sign before letters, digits and
+    ``_ . : -`` calls nothing."""
     return pc.replace_substring_regex(texts, pattern=FORMULA, replacement=r"'\1")
 
 

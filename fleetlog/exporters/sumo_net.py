@@ -105,11 +105,9 @@ def _junction(net: Any, n: Network, v: int, names: dict[str, str], links: list[C
 
 
 def _foes(n: Network, links: list[Connection]) -> Mask:
-    """Which of the connections of a junction merge or cross, from different edges: (L, L).
-
-    A connection is seen as the line from a metre before the end of its first edge to a metre after the start
-    of its second; two cross where each has the ends of the other on both its sides.
-    """
+    """Which of the connections of a junction merge or cross, from different edges: (L, L). A connection is
+    seen as the line from a metre before the end of its first edge to a metre after the start of its second;
+    two cross where each has the ends of the other on both its sides."""
     a, b = np.array(links, np.int32).reshape(-1, 2).T
     first = n.position(a, np.maximum(n.length[a] - 1.0, 0.0))[:, :2]
     last = n.position(b, np.minimum(n.length[b], 1.0))[:, :2]

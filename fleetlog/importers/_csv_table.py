@@ -120,10 +120,8 @@ def rows_of(lines: Iterable[str], delimiter: str) -> list[list[str]]:
 
 def with_line_feeds(text: bytes, report: ReadReport) -> bytes:
     """The text with carriage returns that stand alone as line ends, or as blanks where they lie inside a row.
-
     A row that is whole only together with what follows the carriage return holds a stray one; whether it is
-    whole is told by the usual number of separators in a line.
-    """
+    whole is told by the usual number of separators in a line."""
     if text.count(b"\r") == text.count(b"\r\n"):
         return text
     if b"\n" not in text:

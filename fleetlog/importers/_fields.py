@@ -68,9 +68,7 @@ class Fields:
 
     def instant(self, value: Any, epoch: str | None = "") -> int:
         """Microseconds UTC of a text, or of a count in ``epoch`` (None: the likely one) from the origin.
-
-        :class:`ValueError` where it is no time.
-        """
+        :class:`ValueError` where it is no time."""
         if isinstance(value, str):
             style, text = self.profile.time_format, value.strip()
             dated = style is not None and "%" in style and has_date(style)
@@ -92,9 +90,7 @@ def fields_of(
     names: Iterable[str], profile: Profile | None, report: ReadReport, time: tuple[str, ...] = ()
 ) -> Fields:
     """What the fields called ``names`` are: the profile's word first, then the spelling; told to ``report``.
-
-    ``time`` is known beforehand.
-    """
+    ``time`` is known beforehand."""
     found = Fields([*names], profile or Profile(), report, time=time)
     found.take_profile()
     meanings = {n: m for n in found.names if n not in found.used and (m := recognise(n))}

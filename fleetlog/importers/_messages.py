@@ -36,10 +36,8 @@ def _from_json(data: Any) -> dict[str, Any]:
 
 
 def readers(name: str) -> dict[str, Callable[[Any], dict[str, Any]]]:
-    """What makes of the bytes of a ``name`` the object that it would be in JSON, by encoding.
-
-    CDR is the plain one, in either order of bytes.  Broken bytes raise.
-    """
+    """What makes of the bytes of a ``name`` the object that it would be in JSON, by encoding. CDR is the
+    plain one, in either order of bytes. Broken bytes raise."""
     found: dict[str, Callable[[Any], dict[str, Any]]] = {"json": _from_json}
     if name in _LAYOUTS:
         found["protobuf"] = lambda data: _named(_LAYOUTS[name], bytes(data))
@@ -85,9 +83,7 @@ def _named(layout: dict[int, Any], data: bytes) -> dict[str, Any]:
 
 def _fields(data: bytes) -> Iterator[tuple[int, Any]]:
     """(field number, value) of a message: varints as int, 64-bit as double, 32-bit as int, the rest as bytes.
-
-    https://protobuf.dev/programming-guides/encoding/
-    """
+    https://protobuf.dev/programming-guides/encoding/"""
     at, end = 0, len(data)
     while at < end:
         key, at = _varint(data, at)

@@ -43,12 +43,9 @@ _PVT = struct.Struct("<4xH6B4xiBBxBii4xi20xii")
 
 @dataclass(slots=True)
 class Part:
-    """What one frame says, or all frames of one moment.
-
-    ``tod`` is the time of day [us] (-1: not told), ``day`` days since 1970 (0: not told), ``rank`` the trust
-    in the position (0: none), ``valid`` False where the receiver says that it has no fix, None where it does
-    not say.
-    """
+    """What one frame says, or all frames of one moment. ``tod`` is the time of day [us] (-1: not told),
+    ``day`` days since 1970 (0: not told), ``rank`` the trust in the position (0: none), ``valid`` False where
+    the receiver says that it has no fix, None where it does not say."""
 
     line: int = 0
     tod: int = -1

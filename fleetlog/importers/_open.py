@@ -88,11 +88,8 @@ def compression(path: Path) -> str | None:
 
 
 class Unpacked(io.RawIOBase):
-    """The bytes of a file, unpacked piece by piece.
-
-    Where the packing is cut off or broken, the stream ends there, with everything before it, and ``report``
-    hears of it.
-    """
+    """The bytes of a file, unpacked piece by piece. Where the packing is cut off or broken, the stream ends
+    there, with everything before it, and ``report`` hears of it."""
 
     def __init__(self, path: Path, report: ReadReport | None = None) -> None:
         self.path, self._report, self._packing = path, report, compression(path)
@@ -194,9 +191,7 @@ def refuse_packed(path: Path) -> None:
 
 def unpack(packing: str, packed: bytes, size: int) -> bytes:
     """``size`` bytes of a piece of a file, never more than it states, and never more than ``LIMIT``.
-
-    :class:`Damaged` where the packing is unknown or broken, or the length differs.
-    """
+    :class:`Damaged` where the packing is unknown or broken, or the length differs."""
     if size > LIMIT:
         raise Damaged(f"it states {size:,} bytes")
     data = packed

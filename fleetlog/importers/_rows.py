@@ -24,9 +24,7 @@ NAN = float("nan")
 
 class Sample(NamedTuple):
     """One message: its stamp [us] (0: none) and values; ``fix`` False where the receiver had none.
-
-    ``vehicle`` is that which the message itself names.
-    """
+    ``vehicle`` is that which the message itself names."""
 
     stamp: int
     values: dict[str, Any]
@@ -35,11 +33,9 @@ class Sample(NamedTuple):
 
 
 class Rows:
-    """Rows of one kind, gathered one by one; :meth:`take` gives them as a :class:`RawBatch`.
-
-    ``always`` names the columns that every batch has (the positions, unless the rows are a channel);
-    ``share`` says how much of the file has been read.
-    """
+    """Rows of one kind, gathered one by one; :meth:`take` gives them as a :class:`RawBatch`. ``always`` names
+    the columns that every batch has (the positions, unless the rows are a channel); ``share`` says how much
+    of the file has been read."""
 
     def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
         self._always, self._share = always, share
@@ -55,10 +51,8 @@ class Rows:
         self._rejects: list[Reject] = []
 
     def add(self, vehicle: str, time: int, record: int, values: Row, written: object = None) -> None:
-        """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null.
-
-        It is rejected, as it was ``written``, where its place is no number or its time off.
-        """
+        """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null. It is
+        rejected, as it was ``written``, where its place is no number or its time off."""
         if not all(isfinite(values.get(name, NAN)) for name in self.place):
             self.reject(record, f"{' or '.join(self.place)} is not a number", written or values)
         elif not EARLIEST <= time <= LATEST:
@@ -112,9 +106,7 @@ class Rows:
 
 class Records(ABC):
     """A log that is read record by record, a subclass a format; :meth:`batches` is what its importer reads.
-
-    ``places`` are the columns that each of its tables has always, () for a channel; ``rows`` is the first.
-    """
+    ``places`` are the columns that each of its tables has always, () for a channel; ``rows`` is the first."""
 
     places: ClassVar[tuple[tuple[str, ...], ...]] = (GEOGRAPHIC,)
     longest: ClassVar[int] = 4096  # Bytes of a line

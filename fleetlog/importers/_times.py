@@ -33,10 +33,8 @@ Strings = NDArray[np.object_]
 @dataclass
 class LocalClock:
     """Local times of one file to UTC; an hour that comes twice is told apart by the order of the rows.
-
     ``last`` is the latest UTC time seen of each vehicle, so that the second pass over an ambiguous hour is
-    noticed.
-    """
+    noticed."""
 
     zone: ZoneInfo
     last: dict[str, int] = field(default_factory=dict)

@@ -106,12 +106,9 @@ class Role(NamedTuple):
 def plan(
     topics: Iterable[Topic], path: Path, default: str, one: str | None, report: ReadReport
 ) -> dict[str, Role]:
-    """The role of every topic that is used.
-
-    A vehicle is told by the part of the names in which topics of one kind differ (``/T00/fix``,
-    ``/T01/fix``), else by a name in front of all of them; ``default`` otherwise and ``one`` always, if given.
-    Each vehicle takes its position from one topic, the most absolute one.
-    """
+    """The role of every topic that is used. A vehicle is told by the part of the names in which topics of one
+    kind differ (``/T00/fix``, ``/T01/fix``), else by a name in front of all of them; ``default`` otherwise
+    and ``one`` always, if given. Each vehicle takes its position from one topic, the most absolute one."""
     topics = sorted(set(topics))
     wanted = [t for t in topics if t.kind is not None]
     placed = any(t.kind and t.kind.is_position for t in wanted)
@@ -251,11 +248,8 @@ class Decoder:
 def read_recording(
     kind: type[Walk], path: Path, options: ReadOptions, name: str | None = None
 ) -> Generator[RawBatch, None, int]:
-    """Positions and batteries of a container, in its order; gives the number of whole messages.
-
-    ``name`` is the vehicle's where the topics name none.  Without an index the file is walked once for its
-    channels.
-    """
+    """Positions and batteries of a container, in its order; gives the number of whole messages. ``name`` is
+    the vehicle's where the topics name none. Without an index the file is walked once for its channels."""
     refuse_packed(path)
     with open_regular(path) as stream:
         if stream.read(len(kind.magic)) != kind.magic:

@@ -132,11 +132,8 @@ _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a column is taken for.
-
-    ``unit`` is None where the name does not say it (then the dataset's unit holds); ``epoch`` is the unit of
-    a time that counts from 1970, where the name says it.
-    """
+    """What a column is taken for. ``unit`` is None where the name does not say it (then the dataset's unit
+    holds); ``epoch`` is the unit of a time that counts from 1970, where the name says it."""
 
     column: str
     unit: Unit | None = None

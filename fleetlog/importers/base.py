@@ -25,10 +25,8 @@ LOCAL = ("x", "y")
 
 
 class Reject(NamedTuple):
-    """A row that could not be used: its line or record number (from 1), why, and its text or values.
-
-    Where ``whole`` is False only one value was refused; the row stays, with that value unknown.
-    """
+    """A row that could not be used: its line or record number (from 1), why, and its text or values. Where
+    ``whole`` is False only one value was refused; the row stays, with that value unknown."""
 
     record: int
     reason: str

@@ -38,11 +38,9 @@ def sniff(path: Path, head: bytes) -> bool:
 
 
 def features(stream: BufferedReader, report: ReadReport) -> Iterator[dict[str, Any]]:
-    """Every object of a collection's ``features``, or every one at the top (a single one, or one a line).
-
-    The text is read on, twice as much each time, until an object is whole.  Where it is cut off or broken the
-    features end, and ``report`` hears of it.
-    """
+    """Every object of a collection's ``features``, or every one at the top (a single one, or one a line). The
+    text is read on, twice as much each time, until an object is whole. Where it is cut off or broken the
+    features end, and ``report`` hears of it."""
     text_of = codecs.getincrementaldecoder("utf-8-sig")("replace")
     text, size, done, collection = "", BLOCK, 0, None
     while True:

@@ -40,10 +40,8 @@ def sniff(path: Path, head: bytes) -> bool:
 
 
 class _Vda(Records):
-    """Positions as rows; the batteries, which come at their own times, as a channel.
-
-    Keeps every vehicle's last load, which visualization does not repeat.
-    """
+    """Positions as rows; the batteries, which come at their own times, as a channel. Keeps every vehicle's
+    last load, which visualization does not repeat."""
 
     places, longest = (LOCAL, ()), 1 << 22
     recognised: ClassVar = {

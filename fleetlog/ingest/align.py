@@ -67,11 +67,8 @@ class _Log(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """A pose of the log, and how it fits.
-
-    ``pose`` (4,) is the place of the log's centre [m], its rotation [rad], and how far to the right of the
-    line trucks keep on roads whose directions share one [m].
-    """
+    """A pose of the log, and how it fits. ``pose`` (4,) is the place of the log's centre [m], its rotation
+    [rad], and how far to the right of the line trucks keep on roads whose directions share one [m]."""
 
     pose: Floats
     on_roads: float
@@ -127,10 +124,8 @@ def _check(best: _Fit, runner_up: float, shift: float, rotation: float) -> None:
 
 
 def _places(tracks: list[tuple[Floats, Floats]], across: float) -> tuple[Floats, Floats]:
-    """Places about a metre apart along the smoothed tracks, and the direction of travel at each.
-
-    What is farther from the median place than the roads reach ``across`` [m] is no place on them.
-    """
+    """Places about a metre apart along the smoothed tracks, and the direction of travel at each. What is
+    farther from the median place than the roads reach ``across`` [m] is no place on them."""
     places, headings = [np.zeros((0, 2))], [np.zeros(0)]
     pooled = [np.concatenate([t[i] for t in tracks]) for i in (0, 1)]
     middle = [float(np.median(v[np.isfinite(v)])) if np.isfinite(v).any() else 0.0 for v in pooled]

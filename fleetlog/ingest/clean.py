@@ -124,11 +124,9 @@ def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
 
 
 def unstick(rows: Trajectory) -> Trajectory:
-    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, marked.
-
-    A speed, for a minute, while the position stands; a battery power or current, for two minutes, while the
-    truck speeds up and slows down.  A sensor that is merely coarse is left alone.
-    """
+    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, marked. A
+    speed, for a minute, while the position stands; a battery power or current, for two minutes, while the
+    truck speeds up and slows down. A sensor that is merely coarse is left alone."""
     t, speed = rows.seconds(), rows.floats("speed")
     stuck = np.zeros(len(rows))
     for name in ("speed", "battery_power", "battery_current"):

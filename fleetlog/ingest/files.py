@@ -46,11 +46,9 @@ class Log:
 
 
 def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Log]:
-    """The logs among ``paths`` in order of their names, whatever the order of the command line.
-
-    A folder stands for the logs in it, recursively; files in it that no format fits, and outputs of fleetlog,
-    are passed over.  A pattern (``*``, ``?``, ``[``) stands for what it matches.
-    """
+    """The logs among ``paths`` in order of their names, whatever the order of the command line. A folder
+    stands for the logs in it, recursively; files in it that no format fits, and outputs of fleetlog, are
+    passed over. A pattern (``*``, ``?``, ``[``) stands for what it matches."""
     importer = by_name(format) if format else None
     logs: dict[Path, Log] = {}
     for given in expanded(paths):
@@ -115,9 +113,7 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
 
 def _files(folder: Path) -> Iterator[Path]:
     """The files below a folder but hidden ones and those of fleetlog's own outputs, which may lie among logs.
-
-    Of a dataset that is named itself they are its rows.
-    """
+    Of a dataset that is named itself they are its rows."""
     rows = folder / "trajectories"
     for top, folders, files in os.walk(rows if (folder / "dataset.json").is_file() else folder):
         here = Path(top)

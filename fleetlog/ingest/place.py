@@ -39,11 +39,9 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
 
 
 def into_site(rows: Trajectory, frames: Sequence[MapFrame], every: MapFrame | None) -> Trajectory:
-    """Rows whose x, y are in a frame of their own, in the site's.
-
-    ``every`` is the frame of all rows; else that of the name that a row gives in ``map_id`` counts, and the
-    others stay.  ``level`` is the floor that the frame names.
-    """
+    """Rows whose x, y are in a frame of their own, in the site's. ``every`` is the frame of all rows; else
+    that of the name that a row gives in ``map_id`` counts, and the others stay. ``level`` is the floor that
+    the frame names."""
     if "x" not in rows or "y" not in rows:
         return rows
     if every is not None:
@@ -134,10 +132,8 @@ def looks_like_degrees(rows: Trajectory) -> bool:
 
 
 def with_frame(site: Site, rows: Trajectory) -> Site:
-    """The site, with a frame from the data where it has none, no map, and the log is geographic.
-
-    The frame is about the median of the first positions, rounded to about a metre.
-    """
+    """The site, with a frame from the data where it has none, no map, and the log is geographic. The frame is
+    about the median of the first positions, rounded to about a metre."""
     if site.frame is not None or "latitude" not in rows or (site.network is not None and "x" in rows):
         return site
     if site.network is not None:

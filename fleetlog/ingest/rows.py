@@ -31,11 +31,9 @@ def set_unknown(rows: Trajectory, where: Mask, *names: str) -> Trajectory:
 
 
 def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
-    """Rows as they are written: with every own column of the logs, without those of the import.
-
-    An own column is null where this vehicle has none, and text where any vehicle has text: so all files of a
-    dataset have the same columns, and databases read them together.
-    """
+    """Rows as they are written: with every own column of the logs, without those of the import. An own column
+    is null where this vehicle has none, and text where any vehicle has text: so all files of a dataset have
+    the same columns, and databases read them together."""
     new: dict[str, Values] = {}
     for name, text in own.items():
         values = rows.columns.get(name)

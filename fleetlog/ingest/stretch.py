@@ -33,12 +33,9 @@ OVERLAP = 5000  # Rows kept back where a stretch has to end within a trip
 
 @dataclass(frozen=True)
 class Plan:
-    """What is the same for all vehicles of an import.
-
-    ``folder`` is that of the dataset being written, ``scratch`` takes files of the import's own; ``names``
-    are those of the logs, ``own`` their own columns; ``positioned``, ``driven`` the vehicles that have
-    positions, and speeds.
-    """
+    """What is the same for all vehicles of an import. ``folder`` is that of the dataset being written,
+    ``scratch`` takes files of the import's own; ``names`` are those of the logs, ``own`` their own columns;
+    ``positioned``, ``driven`` the vehicles that have positions, and speeds."""
 
     folder: Path
     scratch: Path
@@ -69,9 +66,7 @@ def import_vehicle(plan: Plan, job: tuple[int, str, list[Slip]]) -> Outcome:
 
 def probe(plan: Plan, slips: Mapping[str, Sequence[Slip]]) -> Plan:
     """The plan with the site's frame and the parameters of matching, from the first stretches of the logs.
-
-    :class:`~fleetlog.errors.DataError` where the logs are of another place than the site.
-    """
+    :class:`~fleetlog.errors.DataError` where the logs are of another place than the site."""
     vehicles = (windows(slips[vehicle]) for vehicle in sorted(plan.positioned))
     for number, (rows, _) in enumerate(chain.from_iterable(vehicles)):
         if number == 0:

@@ -190,9 +190,7 @@ SAME, NONE = -2, -1  # where the map has the road, and where it has none
 
 def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[dict[str, Any]]:
     """The stretches that ``known`` has not, or for the other direction only, those with most passes first.
-
-    ``begin`` and ``end`` are offsets on a learned edge, ``x`` and ``y`` the middle of a stretch [m].
-    """
+    ``begin`` and ``end`` are offsets on a learned edge, ``x`` and ``y`` the middle of a stretch [m]."""
     edge, there = known.stations(STEP)
     mine, offset = learned.stations(STEP)
     heading, facing = known.heading(edge, there), learned.heading(mine, offset)

@@ -34,10 +34,8 @@ class Picture:
 
 
 def centre_lines(cells: Cells, tube: float, least: float) -> Picture:
-    """The middle lines, one pixel wide, of what is driven (cells gathered on their lines).
-
-    Lines closer than ``tube`` [m] are one road; one with fewer passes than ``least`` is none.
-    """
+    """The middle lines, one pixel wide, of what is driven (cells gathered on their lines). Lines closer than
+    ``tube`` [m] are one road; one with fewer passes than ``least`` is none."""
     rim = 10.0
     x0, y0 = float(cells.x.min()) - rim, float(cells.y.min()) - rim
     width, height = float(np.ptp(cells.x)) + 2 * rim, float(np.ptp(cells.y)) + 2 * rim

@@ -34,10 +34,8 @@ def with_places(site: Site, dataset: Dataset, min_visits: int) -> tuple[Site, pd
 
 
 def slow_zones(network: Network) -> tuple[Zone, ...]:
-    """Where roads that meet are all driven slowly: their outline, with the highest speed driven in it.
-
-    An outline that a faster road enters would slow that one down: it is left out.
-    """
+    """Where roads that meet are all driven slowly: their outline, with the highest speed driven in it. An
+    outline that a faster road enters would slow that one down: it is left out."""
     known = np.isfinite(network.speed_limit)
     if not known.any():
         return ()

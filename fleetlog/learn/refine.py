@@ -36,11 +36,9 @@ class Fit:
 
 
 def refined(chains: list[Chain], driven: Mask, cells: Cells, reach: float, rounds: int = 3) -> list[Fit]:
-    """The chains moved onto the traces: in the middle of both directions where both are driven.
-
-    ``driven`` (n, 2) says in which directions each is, forth and back; cells farther than ``reach`` [m] are
-    another road's.
-    """
+    """The chains moved onto the traces: in the middle of both directions where both are driven. ``driven``
+    (n, 2) says in which directions each is, forth and back; cells farther than ``reach`` [m] are another
+    road's."""
     fits = [Fit(c, np.zeros(2), np.zeros(2)) for c in chains]
     for _ in range(rounds):
         chains = [_resampled(f.chain) for f in fits]
@@ -88,9 +86,7 @@ def _owners(
     chains: list[Chain], senses: Mask, cells: Cells, reach: float
 ) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Tangents at the points of all chains, end to end, and the cells that lie on them in their ``senses``.
-
-    Those are (n, 2), forth and back; of a cell its number, the point nearest to it, and 1 if back.
-    """
+    Those are (n, 2), forth and back; of a cell its number, the point nearest to it, and 1 if back."""
     points = np.concatenate([c.points for c in chains])
     ahead = np.concatenate([np.gradient(_softened(c.points), axis=0) for c in chains])
     tangent = ahead / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]

@@ -85,10 +85,8 @@ def _runs(m: Match, length: Floats) -> Iterator[list[int]]:
 
 
 def _visits(bounds: list[int], m: Match, t: Trajectory, router: Router) -> list[list[Visit]]:
-    """The visits of a run, parted where the way between two is not known.
-
-    Edges that are driven between two rows are visits too.
-    """
+    """The visits of a run, parted where the way between two is not known. Edges that are driven between two
+    rows are visits too."""
     x, y = t.floats("x"), t.floats("y")
     length, begin = router.network.length.tolist(), float(m.offset[bounds[0]])
     out: list[list[Visit]] = [[]]
@@ -152,10 +150,8 @@ class Roads:
 
 
 def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) -> Roads:
-    """The roads under what was driven, given the noise of its positions [m].
-
-    ``reread`` gives the trajectories anew, for what is counted on the roads found.
-    """
+    """The roads under what was driven, given the noise of its positions [m]. ``reread`` gives the
+    trajectories anew, for what is counted on the roads found."""
     lines = centre_lines(gathered(cells, noise, settings.lane), TUBE, LEAST)
     graph = tidied(chains(lines), settings.spur, lines.side * 3.0)
     graph = _driven_only(graph, reread, settings)

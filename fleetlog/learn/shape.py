@@ -113,10 +113,8 @@ def pieces(chains: list[Chain], longest: float) -> list[Chain]:
 
 
 def apart(chains: list[Chain], near: float) -> list[Chain]:
-    """Roads that come back beside themselves within ``near`` [m] cut where they turn round.
-
-    A place beside both parts would else lie on one edge twice.
-    """
+    """Roads that come back beside themselves within ``near`` [m] cut where they turn round. A place beside
+    both parts would else lie on one edge twice."""
     out, waiting, fresh = [], list(chains), _fresh(chains)
     while waiting:
         c = waiting.pop()
@@ -143,10 +141,8 @@ def _turning_point(c: Chain, near: float) -> int:
 
 def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
     """Roads that cross where trucks never turn from one into the other do not meet: they pass through.
-
     ``turns`` counts how often chain a's end (2 a + 1; its start: 2 a) was left for that of chain b; a few
-    turns among many that go elsewhere are rows matched to the wrong road.
-    """
+    turns among many that go elsewhere are rows matched to the wrong road."""
     chains = [Chain(c.start, c.end, c.points) for c in chains]
     fresh = _fresh(chains)
     for arms in ends(chains).values():

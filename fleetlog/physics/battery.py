@@ -61,10 +61,8 @@ CHEMISTRIES: dict[str, BatteryModel] = {
 
 
 def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) -> BatteryModel:
-    """The battery of a truck file, with the shape of a chemistry (``constant``, ``lfp``, ``lead``).
-
-    Its charge is capacity_wh / voltage; a ``peukert`` other than 1 stands in place of the resistance.
-    """
+    """The battery of a truck file, with the shape of a chemistry (``constant``, ``lfp``, ``lead``). Its
+    charge is capacity_wh / voltage; a ``peukert`` other than 1 stands in place of the resistance."""
     if chemistry not in CHEMISTRIES:
         raise TruckError(f"unknown chemistry {chemistry!r}", do=nearest(chemistry, CHEMISTRIES))
     shape, nominal = CHEMISTRIES[chemistry], truck.battery.voltage

@@ -43,10 +43,8 @@ class Part:
 
 
 def table(frame: pd.DataFrame, columns: str, caption: str = "", most: int = 60) -> Table:
-    """The first rows of a frame; ``columns`` has ``heading=column`` or ``heading=column format``.
-
-    A format is one of Python's, ``%`` for a share, ``t`` for a local time; unknown columns are left out.
-    """
+    """The first rows of a frame; ``columns`` has ``heading=column`` or ``heading=column format``. A format is
+    one of Python's, ``%`` for a share, ``t`` for a local time; unknown columns are left out."""
     specs = [(head, *f"{spec} ".split(" ")[:2]) for head, spec in (c.split("=") for c in columns.split("; "))]
     shown = [spec for spec in specs if spec[1] in frame]
     rows = [[_cell(row[name], how) for _, name, how in shown] for row in frame.head(most).to_dict("records")]

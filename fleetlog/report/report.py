@@ -52,10 +52,8 @@ def report(
     timezone: str | None = None, diagnosis: bool = True,
 ) -> Report:  # fmt: skip
     """Report on one dataset, or on how a second one differs from it; arguments as of :func:`fleetlog.report`.
-
     Raises :class:`ArgumentError` for none or more than two, or what is no time zone, :class:`InputError` for
-    a file at fault (a ``tariff``: see :mod:`fleetlog.analysis.tariff`).
-    """
+    a file at fault (a ``tariff``: see :mod:`fleetlog.analysis.tariff`)."""
     if not 1 <= len(datasets) <= 2:
         raise ArgumentError(f"a report takes one or two datasets, not {len(datasets)}")
     try:

@@ -72,9 +72,7 @@ def _prepare(network: Network) -> Prepared:
 
 def _grid(roads: Roads) -> Grid:
     """The segments of every cell that their bands cross, by first vertex; of twins only the first edge's.
-
-    Cells are 5 to 50 m wide, and at most two million.
-    """
+    Cells are 5 to 50 m wide, and at most two million."""
     k = np.flatnonzero(roads.owner[1:] == roads.owner[:-1])
     twin = roads.twin[roads.owner[k]]
     k = k[(twin < 0) | (twin >= roads.owner[k])]

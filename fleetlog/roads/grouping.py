@@ -84,11 +84,9 @@ def out_of_line(t: Floats, x: Floats, y: Floats) -> Mask:
 
 
 def white_noise(track: Track) -> float:
-    """Spread of the part of the position noise that differs from row to row, per axis [m].
-
-    From third differences, which steady turning and speeding up hardly reach: their variance is 20 times that
-    of white noise.  At long intervals motion adds to it, so it is an upper bound.
-    """
+    """Spread of the part of the position noise that differs from row to row, per axis [m]. From third
+    differences, which steady turning and speeding up hardly reach: their variance is 20 times that of white
+    noise. At long intervals motion adds to it, so it is an upper bound."""
     if len(track.t) < 8:
         return 1.0
     whole = track.chain[3:] == track.chain[:-3]
@@ -142,10 +140,8 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
 
 
 def _means(track: Track, first: Ints, travelled: Floats) -> tuple[Floats, ...]:
-    """(G,) means of groups: time, x, y, travelled distance, cosine and sine of twice the log's heading.
-
-    Both are 0 where no row of a group knows its heading.
-    """
+    """(G,) means of groups: time, x, y, travelled distance, cosine and sine of twice the log's heading. Both
+    are 0 where no row of a group knows its heading."""
     start, size, known = first[:-1], np.diff(first), np.isfinite(track.heading)
 
     def mean(values: Floats) -> Floats:  # about the first of a group: large coordinates lose no digits

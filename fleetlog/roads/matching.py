@@ -72,10 +72,8 @@ class Match:
 
 
 def match(trajectory: Trajectory, network: Network, parameters: MatchParameters | None = None) -> Match:
-    """Match ``trajectory`` (columns x, y; speed and heading where known) to ``network``.
-
-    Parameters that are not given are estimated from the trajectory.  Every row gets an edge or a reason.
-    """
+    """Match ``trajectory`` (columns x, y; speed and heading where known) to ``network``. Parameters that are
+    not given are estimated from the trajectory. Every row gets an edge or a reason."""
     prepared = prepare(network)
     track, rows, outliers = grouping.track_of(trajectory)
     wanted = parameters or MatchParameters()

@@ -57,10 +57,8 @@ class Router:
         self._bound = lru_cache(maxsize=BOUNDS)(self._bound_of)
 
     def route(self, source: int, target: int, closed: Iterable[int] = ()) -> Route | None:
-        """The quickest chain from all of edge ``source`` to all of edge ``target``, or None.
-
-        ``closed`` edges are not entered (the source may be closed: who stands there may leave).
-        """
+        """The quickest chain from all of edge ``source`` to all of edge ``target``, or None. ``closed`` edges
+        are not entered (the source may be closed: who stands there may leave)."""
         n = self.network
         for edge in (source, target):
             if not 0 <= edge < len(n):

@@ -36,9 +36,7 @@ MOST = 16  # Drivers that are told apart; of more, neighbours in speed are one
 
 def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
     """Every load that the recording shows: taken up at one place, set down at another by the same truck.
-
-    ``earliest``: the time of day [s] when it set off for it.  Ways into bays count as time at the place.
-    """
+    ``earliest``: the time of day [s] when it set off for it. Ways into bays count as time at the place."""
     tasks: list[Task] = []
     change, held = stands.after - stands.before, -1
     for i in np.flatnonzero(np.abs(change) > MIN_LOAD_CHANGE).tolist():
@@ -157,10 +155,8 @@ def at_places(visits: Sequence[Visit], known: Collection[str]) -> tuple[Visit, .
 
 class Itineraries:
     """Draws a truck's next visit from those that recorded trucks made next, as laden, from the same place.
-
     The possible one that was drawn least, so that every recorded trip is driven about equally often; first
-    those at this time of day.  ``of`` (V,) is the visit of each truck.
-    """
+    those at this time of day. ``of`` (V,) is the visit of each truck."""
 
     def __init__(self, visits: Sequence[Visit], trucks: int, seed: int, start: float) -> None:
         self.visits, self.start = visits, start

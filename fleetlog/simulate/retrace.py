@@ -27,11 +27,9 @@ ROUNDED = 9  # Nodes over which a truck goes from one lane over to the next
 
 @dataclass
 class Trip:
-    """A recorded trip: rows, when it left and arrived [s since the first row], leg and speeds.
-
-    It is driven from ``begin`` on, or when the one before is done; not before ``earliest``, when what the
-    truck did before without driving is done.  ``work`` [s] after the arrival loads and forks come to rest.
-    """
+    """A recorded trip: rows, when it left and arrived [s since the first row], leg and speeds. It is driven
+    from ``begin`` on, or when the one before is done; not before ``earliest``, when what the truck did before
+    without driving is done. ``work`` [s] after the arrival loads and forks come to rest."""
 
     number: int
     rows: Trajectory

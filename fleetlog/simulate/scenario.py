@@ -205,11 +205,9 @@ def experiment(
     bases: Sequence[Scenario], factors: Sequence[Factor],
     progress: Callable[[float, float], None] = lambda done, total: None,
 ) -> Result:  # fmt: skip
-    """Run every variant of every base, which differ in their seeds alone.
-
-    Tables ``runs`` (a row a variant and seed) and ``variants`` (means over the seeds, half widths of their
-    95 % intervals, changes paired by seed).  :class:`DataError` for no factor, or where no run is possible.
-    """
+    """Run every variant of every base, which differ in their seeds alone. Tables ``runs`` (a row a variant
+    and seed) and ``variants`` (means over the seeds, half widths of their 95 % intervals, changes paired by
+    seed). :class:`DataError` for no factor, or where no run is possible."""
     import pandas as pd
 
     plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]

@@ -52,12 +52,9 @@ class Task:
 
 @dataclass(frozen=True)
 class Visit:
-    """A recorded truck stood at a place.
-
-    ``begin`` time of day [s], ``dwell`` [s], ``height`` of the forks [m]; ``taken`` is the load that it took
-    up there [kg], negative where it set one down; ``next`` is the number of the visit that the same truck
-    made after it, -1: none.
-    """
+    """A recorded truck stood at a place. ``begin`` time of day [s], ``dwell`` [s], ``height`` of the forks
+    [m]; ``taken`` is the load that it took up there [kg], negative where it set one down; ``next`` is the
+    number of the visit that the same truck made after it, -1: none."""
 
     place: str
     begin: float

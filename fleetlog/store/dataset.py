@@ -224,10 +224,8 @@ def located(path: str | Path) -> Path:
 @contextmanager
 def uploaded(target: Any, *, overwrite: bool = False, new: bool = True) -> Iterator[Path]:
     """A folder of this machine whose files are put under the URL ``target`` when the block ends well.
-
-    ``dataset.json`` is put last: until then there is no dataset, or the older one.  ``new``: there must be
-    none, since objects cannot be exchanged at once.
-    """
+    ``dataset.json`` is put last: until then there is no dataset, or the older one. ``new``: there must be
+    none, since objects cannot be exchanged at once."""
     if overwrite or (new and (target / "dataset.json").exists()):
         what = "a dataset behind a URL is not replaced" if overwrite else "is already there"
         raise OutputError(what, where=str(target), do="choose another name, or remove it yourself")

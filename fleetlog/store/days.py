@@ -163,10 +163,8 @@ def code_digest() -> str:
 
 
 def encode(value: Any) -> bytes:
-    """Bytes that depend on the value alone, not on the process or on the order of a set.
-
-    JSON of eight bytes' length and then the arrays, one behind the other; tuples and sets are lists in it.
-    """
+    """Bytes that depend on the value alone, not on the process or on the order of a set. JSON of eight bytes'
+    length and then the arrays, one behind the other; tuples and sets are lists in it."""
     arrays: list[NDArray[Any]] = []
 
     def told(value: Any) -> Any:

@@ -100,10 +100,8 @@ def check_free(
     target: str | Path, kind: str, *, overwrite: bool, folder: bool = True, inputs: Iterable[Path] = ()
 ) -> None:
     """Raise :class:`OutputError` if ``target`` is read by the run, or is there and must not be replaced.
-
     ``overwrite`` replaces a folder or a regular file that carries the mark of an older output of this
-    ``kind``, holds nothing else (a folder) and was not changed since (a file); an empty folder too.
-    """
+    ``kind``, holds nothing else (a folder) and was not changed since (a file); an empty folder too."""
     given, target = target, Path(os.path.realpath(target))
     for source in inputs:
         if (why := _at_input(target, source)) is not None:
@@ -169,10 +167,8 @@ def _mark_of(target: Path) -> Path:
 
 
 def _mark(new: Path, kind: str, target: Path) -> Path | None:
-    """Mark the new output; a file's mark is returned, to be put beside it.
-
-    It names the older file too, so that both are known at every instant.
-    """
+    """Mark the new output; a file's mark is returned, to be put beside it. It names the older file too, so
+    that both are known at every instant."""
     if new.is_dir():
         write_json(new / MARK, {"kind": kind, "names": sorted(_names(new))})
         return None
@@ -271,11 +267,9 @@ def _clear(scratch: Path, target: Path) -> None:
 
 
 def _swap(new: Path, target: Path) -> None:
-    """Put ``new`` in the place of ``target``: the older or the newer one is there at every instant.
-
-    Where the system cannot exchange two folders, the older one is set aside in the scratch folder for a
-    moment; a run that dies in it leaves it there, and the next one to this target puts it back.
-    """
+    """Put ``new`` in the place of ``target``: the older or the newer one is there at every instant. Where the
+    system cannot exchange two folders, the older one is set aside in the scratch folder for a moment; a run
+    that dies in it leaves it there, and the next one to this target puts it back."""
     older = os.path.lexists(target)
     if target.is_file():
         new.replace(target)

@@ -146,9 +146,7 @@ NOWHERE = Frame(0.0, 0.0)  # The frame of a site of unknown place: GeoJSON knows
 
 def write_site(site: Site, folder: Path, more: Mapping[str, Mapping[str, Any]] | None = None) -> None:
     """Write ``site`` into an existing folder; ``more`` holds further properties of its roads by edge id.
-
-    Coordinates are good to 0.1 mm.  A site without a frame gets one at latitude and longitude 0.
-    """
+    Coordinates are good to 0.1 mm. A site without a frame gets one at latitude and longitude 0."""
     import tomli_w
 
     frame = site.frame or NOWHERE

@@ -82,11 +82,9 @@ class DatasetWriter:
     @classmethod
     @contextmanager
     def append(cls, target: str | Path, *, inputs: Iterable[Path] = ()) -> Iterator["DatasetWriter"]:
-        """A writer whose rows are added to the recorded dataset ``target`` when the block ends well.
-
-        No file of its rows is written again: the new dataset takes the place of the older one at once, and
-        shares them with it (as hard links; copies where the file system has none).
-        """
+        """A writer whose rows are added to the recorded dataset ``target`` when the block ends well. No file
+        of its rows is written again: the new dataset takes the place of the older one at once, and shares
+        them with it (as hard links; copies where the file system has none)."""
         old = Dataset(target)
         if old.kind != "recorded":
             raise DataError(f"is {old.kind}, not recorded: nothing can be added", where=target)

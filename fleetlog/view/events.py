@@ -54,12 +54,9 @@ MOMENTS = ("earliest", "assigned", "picked", "dropped")
 
 @dataclass(frozen=True)
 class Happenings:
-    """What a simulated dataset says beside its rows.
-
-    The tables ``tasks``, ``activities`` and ``reservations`` with times [us, int64], ``NEVER`` where not
-    reached; ``spots`` x, y, z [m] by place; ``lines`` (n, 3) m by way; ``drawn`` places that the simulation
-    drew along the roads.
-    """
+    """What a simulated dataset says beside its rows. The tables ``tasks``, ``activities`` and
+    ``reservations`` with times [us, int64], ``NEVER`` where not reached; ``spots`` x, y, z [m] by place;
+    ``lines`` (n, 3) m by way; ``drawn`` places that the simulation drew along the roads."""
 
     tasks: pd.DataFrame
     activities: pd.DataFrame

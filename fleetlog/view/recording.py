@@ -62,10 +62,8 @@ def write_recording(
     dataset_path: str | Path, out_rrd: str | Path, *, rate_hz: float = RATE, day: str | None = None
 ) -> Path:
     """The replay of a dataset, or of one ``day`` (UTC, YYYY-MM-DD), as an .rrd file, whole or not at all.
-
-    ``rate_hz`` samples a second are kept of every vehicle; values are picked, not averaged.  The dataset may
-    still be the scratch folder of one being written; an older file is replaced.
-    """
+    ``rate_hz`` samples a second are kept of every vehicle; values are picked, not averaged. The dataset may
+    still be the scratch folder of one being written; an older file is replaced."""
     dataset = opened(dataset_path, day)
     site = dataset.site
     screen = blueprint.Screen(dataset_outline(dataset))

@@ -88,11 +88,9 @@ def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Itera
 
 @contextmanager
 def _pipe_into(path: Path) -> Iterator[str]:
-    """The name of a pipe: what is written into it goes to the file ``path``.
-
-    Rerun's own writer of files ends at the first error of the disk, unheard, and whoever waits for it then
-    may wait forever; a pipe takes everything, and the error is raised here.
-    """
+    """The name of a pipe: what is written into it goes to the file ``path``. Rerun's own writer of files ends
+    at the first error of the disk, unheard, and whoever waits for it then may wait forever; a pipe takes
+    everything, and the error is raised here."""
     receive, send = os.pipe()
 
     def copy() -> None:
@@ -120,10 +118,8 @@ def _unwritten(path: Path, why: str) -> OutputError:
 
 def check_whole(path: Path) -> None:
     """Raise :class:`OutputError` unless an .rrd file ends as a closed one does, at the length that it states.
-
     The last bytes of Rerun's format: per manifest its start, length (64 bits each) and checksum, then
-    ``RRF2FOOT`` and the number of manifests.
-    """
+    ``RRF2FOOT`` and the number of manifests."""
     with path.open("rb") as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(size - _FOOTER.size, 0))

@@ -143,9 +143,7 @@ def free_port() -> int:
 
 class Patient:
     """Rerun's client, asking a busy viewer again: Rerun gives it 15 s for an answer and no more.
-
-    :class:`ViewerError` where it has ended, or does not answer for :data:`WAIT`.
-    """
+    :class:`ViewerError` where it has ended, or does not answer for :data:`WAIT`."""
 
     def __init__(self, client: Any) -> None:
         self._client = client

@@ -28,11 +28,9 @@ SHARE = 0.8  # Areas are made of the fewest places that carry this share of the 
 
 
 def episodes(c: Crowds, limit: float, step: int, least: int) -> tuple[Ints, pd.DataFrame]:
-    """Critical episodes of at least ``least`` steps, in order of their start; ``step`` [us].
-
-    (C,) the episode of every cluster, -1 for none; and a row an episode: its ``first`` and ``last`` cluster,
-    how many ``steps`` it lasts, ``max_size``, ``min_mean_speed``, how it was ``born`` and how it ``died``.
-    """
+    """Critical episodes of at least ``least`` steps, in order of their start; ``step`` [us]. (C,) the episode
+    of every cluster, -1 for none; and a row an episode: its ``first`` and ``last`` cluster, how many
+    ``steps`` it lasts, ``max_size``, ``min_mean_speed``, how it was ``born`` and how it ``died``."""
     size, time, speed = (c.clusters[name] for name in ("size", "time", "mean_speed"))
     pairs = _overlaps(c, step)
     before, after, common = (pairs[name].to_numpy() for name in pairs)
@@ -112,10 +110,8 @@ class Watched:
 
 def samples(c: Crowds, episode: Ints, network: Network, free_speed: Floats, step: float) -> pd.DataFrame:
     """One row for every truck and step inside an episode: episode, truck, time, edge, offset, place, delay.
-
-    ``episode`` (C,) is that of a cluster, -1 for none.  ``place`` is a code, see :func:`places`; ``delay`` is
-    dt (1 - v / v_free), clipped at 0 [s], where ``free_speed`` (E,) is that of an undisturbed truck [m/s].
-    """
+    ``episode`` (C,) is that of a cluster, -1 for none. ``place`` is a code, see :func:`places`; ``delay`` is
+    dt (1 - v / v_free), clipped at 0 [s], where ``free_speed`` (E,) is that of an undisturbed truck [m/s]."""
     inside = np.flatnonzero(episode[c.owner] >= 0)
     inside = inside[np.argsort(episode[c.owner[inside]], kind="stable")]
     truck, edge, offset, speed = (c.members[n][inside] for n in ("truck", "edge", "offset", "speed"))

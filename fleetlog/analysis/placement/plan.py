@@ -174,10 +174,8 @@ def edge_speeds(network: Network, truck: Truck | None = None) -> Floats:
 
 def edge_energies(network: Network, truck: Truck) -> Floats:
     """(E,) Wh that the empty truck takes from its battery over an edge at steady speed, by the nominal model.
-
-    Direction and grade count, since the slope of an edge is taken along its own direction.  An edge on which
-    more comes back than is spent counts as nothing: a drive is never chosen for what it gives back.
-    """
+    Direction and grade count, since the slope of an edge is taken along its own direction. An edge on which
+    more comes back than is spent counts as nothing: a drive is never chosen for what it gives back."""
     from fleetlog.core.motion import Motion
     from fleetlog.physics.power import Physics, battery_power
 

@@ -57,10 +57,8 @@ class Unit:
 
 @dataclass
 class Channel(ABC):
-    """A recorded quantity of a fleet by window, and what models say of it.
-
-    ``base`` is what everything is measured from: the nominal truck, or what a simulation holds beyond it.
-    """
+    """A recorded quantity of a fleet by window, and what models say of it. ``base`` is what everything is
+    measured from: the nominal truck, or what a simulation holds beyond it."""
 
     name: str
     fleet: Fleet

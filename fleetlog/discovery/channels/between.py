@@ -26,9 +26,7 @@ SPREADS = tuple(2.0**k for k in range(-10, 3))  # Tried of all other coefficient
 @dataclass(frozen=True)
 class Between:
     """How power is told from the motion: free curves with their coefficients ``beta`` beyond the model's.
-
-    ``share`` of what that differs from recorded power by is to be believed.
-    """
+    ``share`` of what that differs from recorded power by is to be believed."""
 
     curves: tuple[FreeCurve, ...]
     beta: Floats
@@ -48,10 +46,8 @@ class Between:
 def learn(
     channel: Channel, motion: Channel, units: Iterable[tuple[Unit, Mask]], hidden: float, evidence: float
 ) -> Between:
-    """Return what fits the units, each with the windows that may be used.
-
-    ``motion`` is the same channel that looks at no recorded power; rows miss the energy by ``hidden`` of it.
-    """
+    """Return what fits the units, each with the windows that may be used. ``motion`` is the same channel that
+    looks at no recorded power; rows miss the energy by ``hidden`` of it."""
     curves = power_curves(channel.knots, len(channel.fleet.vehicles))
     found = []
     for unit, use in units:
@@ -68,10 +64,8 @@ def learn(
 
 
 def _likeliest(columns: Floats, left: Floats, evidence: float) -> Floats:
-    """(P,) coefficients; all but the fleet's two have a spread that the data choose (empirical Bayes).
-
-    A greater spread must raise the logarithm of the marginal likelihood by ``evidence``.
-    """
+    """(P,) coefficients; all but the fleet's two have a spread that the data choose (empirical Bayes). A
+    greater spread must raise the logarithm of the marginal likelihood by ``evidence``."""
     gram, moment = columns.T @ columns, columns.T @ left
     square = float(left @ left - moment @ np.linalg.lstsq(gram, moment, rcond=None)[0]) / len(left)
     best, out = -np.inf, np.zeros(len(moment))

@@ -34,10 +34,8 @@ swings within them (1: as far as from row to row), and a clock a little late [s]
 
 @dataclass
 class EnergyChannel(Channel):
-    """One energy channel of a fleet; see :class:`fleetlog.discovery.channels.base.Channel`.
-
-    ``measured``: the state of charge is judged against the recorded power; ``seconds`` of a window.
-    """
+    """One energy channel of a fleet; see :class:`fleetlog.discovery.channels.base.Channel`. ``measured``: the
+    state of charge is judged against the recorded power; ``seconds`` of a window."""
 
     seconds: float
     places: Cells | None
@@ -168,10 +166,8 @@ class EnergyChannel(Channel):
 
     def _seen_lifts(self, c: Cut, seconds: Floats, energy: Floats) -> Mask:
         """(W,) windows without hydraulics that nothing shows: a log without fork height has lifts at
-        standstill all the same.
-
-        Then only windows with hardly any standstill count, and standstills with their usual power.
-        """
+        standstill all the same. Then only windows with hardly any standstill count, and standstills with
+        their usual power."""
         lifting = self.fleet.truck.chassis.rated_load > 0.0 and not self.fleet.has("fork_height")
         if self.measured or not lifting:
             return np.ones(c.count, bool)

@@ -25,10 +25,8 @@ STEP = 0.01
 @dataclass(frozen=True)
 class Evaluation:
     """A motion under the physics of a model; where that changes with time, a mean over its phases.
-
     ``charge``: the channel is what the state of charge pays, not the power at the terminals; ``measured``
-    (n,): that power where it is recorded too, so that the state of charge is judged against it.
-    """
+    (n,): that power where it is recorded too, so that the state of charge is judged against it."""
 
     recorded: Motion
     physics: Physics

@@ -260,12 +260,9 @@ def _windows(parts: list[Leg], length: float) -> Ints:
 
 @dataclass(frozen=True)
 class Lost:
-    """Time lost to other trucks.
-
-    ``share`` of the travel time and its standard ``error``; ``touched`` the share of the time with another
-    truck in the way; (C,) by stretch of lane: seconds ``lost`` with their ``spread``, ``time`` spent there
-    [s] and ``passages``; ``p_value`` that as much is lost by chance.
-    """
+    """Time lost to other trucks. ``share`` of the travel time and its standard ``error``; ``touched`` the
+    share of the time with another truck in the way; (C,) by stretch of lane: seconds ``lost`` with their
+    ``spread``, ``time`` spent there [s] and ``passages``; ``p_value`` that as much is lost by chance."""
 
     share: float
     error: float
@@ -285,11 +282,9 @@ to wait at its nodes, whoever is there, (G,)."""
 def lost_time(
     passed: Iterable[Passed], lanes: Stretches, free: Callable[[Path], Floats], known: Floats | None = None
 ) -> Lost | None:
-    """Return the time lost; None where nobody was in the way.
-
-    ``free`` gives the modelled seconds at the nodes of a path; ``known`` (C,) is the share of the time by
-    stretch of lane that is known to be lost: it is left out.
-    """
+    """Return the time lost; None where nobody was in the way. ``free`` gives the modelled seconds at the
+    nodes of a path; ``known`` (C,) is the share of the time by stretch of lane that is known to be lost: it
+    is left out."""
     # (N,) of all nodes: time by the model, what was taken beyond it, whether another truck was in the way,
     # or nothing was amiss.
     parts = []

@@ -150,10 +150,8 @@ class TravelChannel(Channel):
         yield from self._kept
 
     def _with_stands(self, made: list[Unit]) -> list[Unit]:
-        """The units, told where trucks stood for no purpose: only there they waited, and times scatter so.
-
-        A truck with another in its way waits there as well: of such passages only the standing counts.
-        """
+        """The units, told where trucks stood for no purpose: only there they waited, and times scatter so. A
+        truck with another in its way waits there as well: of such passages only the standing counts."""
         n = len(self.lanes)
         passed, stops, seconds, squares = np.zeros((4, n))
         cells = [self.lanes.at(u.own.motion)[0].astype(np.int64) for u in made]

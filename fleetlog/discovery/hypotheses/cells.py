@@ -85,12 +85,9 @@ class Cells(ABC):
 
 @dataclass(frozen=True)
 class Stretches(Cells):
-    """C stretches: ``road_edge`` (C,) the edge in whose direction they are counted, ``start``/``end``
-    offsets along it [m].
-
-    ``first`` (E,) and ``count`` (E,) locate an edge's stretches; ``sign`` (E,) is -1 for an edge counted
-    against.
-    """
+    """C stretches: ``road_edge`` (C,) the edge in whose direction they are counted, ``start``/``end`` offsets
+    along it [m]. ``first`` (E,) and ``count`` (E,) locate an edge's stretches; ``sign`` (E,) is -1 for an
+    edge counted against."""
 
     network: Network
     road_edge: Index

@@ -121,10 +121,8 @@ def block(
     trajectory: Trajectory, vehicle: int, network: Network | None, truck: Truck, *, lag: float = 0.0,
     scale: float = 1.0, load_lags: bool = False, mean_of: float = 0.0,
 ) -> Block:  # fmt: skip
-    """Return one vehicle-day, its sensors put right by ``lag`` [s] and ``scale``.
-
-    Rows whose power is the mean of the last ``mean_of`` seconds are taken together so that they say it once.
-    """
+    """Return one vehicle-day, its sensors put right by ``lag`` [s] and ``scale``. Rows whose power is the
+    mean of the last ``mean_of`` seconds are taken together so that they say it once."""
     recipe = partial(reconstruct, trajectory, network, truck, lag, scale, load_lags=load_lags)
     r = recipe()
     time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
@@ -227,11 +225,8 @@ class Cut:
 
 @dataclass(frozen=True)
 class Windows:
-    """W windows; all arrays are (W,).
-
-    ``trip``, ``vehicle``, ``day``, ``edge`` are codes (edge -1 off the map), ``duration`` [s], ``distance``
-    [m], ``x``, ``y`` [m] and ``time`` [s] of the middle.
-    """
+    """W windows; all arrays are (W,). ``trip``, ``vehicle``, ``day``, ``edge`` are codes (edge -1 off the
+    map), ``duration`` [s], ``distance`` [m], ``x``, ``y`` [m] and ``time`` [s] of the middle."""
 
     trip: Ints
     vehicle: Ints

@@ -38,11 +38,9 @@ BESIDE = 6.0  # So far off its road, in a bay or a turn, a truck is told by the 
 
 @dataclass(frozen=True)
 class Route:
-    """One vehicle-day: its legs in order; (L,) of each.
-
-    ``wait`` [s] of the standstill after a leg, NaN unknown; ``known``, whether the log would show a purpose
-    of it; ``errand`` counts up with every standstill that had one.
-    """
+    """One vehicle-day: its legs in order; (L,) of each. ``wait`` [s] of the standstill after a leg, NaN
+    unknown; ``known``, whether the log would show a purpose of it; ``errand`` counts up with every standstill
+    that had one."""
 
     vehicle: int
     day: int
@@ -151,11 +149,8 @@ class _Nodes:
 
 
 def hindered(found: Sequence[Route], free: Sequence[Floats], truck: Truck) -> list[tuple[Mask, Mask]]:
-    """Return of each route of one day whether another truck was in the way at its nodes, and held it up
-    until it left them, (N,).
-
-    ``free`` (N,) of each is the speed that its roads allow [m/s].
-    """
+    """Return of each route of one day whether another truck was in the way at its nodes, and held it up until
+    it left them, (N,). ``free`` (N,) of each is the speed that its roads allow [m/s]."""
     n = _nodes(found)
     v = np.concatenate(free)
     drive = truck.drive

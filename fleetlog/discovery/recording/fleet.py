@@ -32,11 +32,9 @@ FEWEST_ROWS = 8  # A shorter vehicle-day says nothing
 
 @dataclass(frozen=True)
 class Fleet:
-    """Vehicle-days of a recording on a site, with the truck that the model takes for all of them.
-
-    ``lag`` and ``scale`` (by vehicle) put the clock of the power channel and the scale of the speed channel
-    right; ``interval`` (by vehicle) is that over which the logger took the mean of power [s].
-    """
+    """Vehicle-days of a recording on a site, with the truck that the model takes for all of them. ``lag`` and
+    ``scale`` (by vehicle) put the clock of the power channel and the scale of the speed channel right;
+    ``interval`` (by vehicle) is that over which the logger took the mean of power [s]."""
 
     days: list[tuple[int, Trajectory]]
     vehicles: tuple[str, ...]

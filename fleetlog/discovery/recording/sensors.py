@@ -91,10 +91,7 @@ def examine(fleet: Fleet, split: Split, only: tuple[str, ...] = ()) -> tuple[Fle
 
 def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, Fleet] | None:
     """How far the power channel runs behind the positions, or that it is a mean, and the fleet with that put
-    right.
-
-    None where no vehicle's is late.
-    """
+    right. None where no vehicle's is late."""
     if not fleet.has("battery_power"):
         return None
     looks: dict[int, list[_Look]] = {}

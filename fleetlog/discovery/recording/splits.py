@@ -105,10 +105,8 @@ def make_split(
     float, seed: int,
     window: float = 10.0, once: bool = False,
 ) -> Split:  # fmt: skip
-    """Return the split for a recording of so many trips and seconds in all.
-
-    ``window`` [s] is the shortest that any channel looks at; ``once`` where most places are passed once.
-    """
+    """Return the split for a recording of so many trips and seconds in all. ``window`` [s] is the shortest
+    that any channel looks at; ``once`` where most places are passed once."""
     shortest = SHORTEST * window
     length = shortest if once else float(np.clip(seconds / PIECES, shortest, LONGEST))
     slow = float(np.clip(seconds / SLOW, shortest, LONGEST))

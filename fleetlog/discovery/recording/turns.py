@@ -33,11 +33,8 @@ ALIKE = 0.65
 
 @dataclass(frozen=True)
 class Turn:
-    """A way over a junction.
-
-    ``angle`` [rad]; ``middle`` (about the meeting of the edges) and ``length`` of its bend [m]; ``speed``
-    driven and ``free`` speed [m/s]; ``curvature`` by the map [1/m].
-    """
+    """A way over a junction. ``angle`` [rad]; ``middle`` (about the meeting of the edges) and ``length`` of
+    its bend [m]; ``speed`` driven and ``free`` speed [m/s]; ``curvature`` by the map [1/m]."""
 
     angle: float
     middle: float

@@ -24,10 +24,7 @@ DRAWS = 400  # Of the field, for what picking the largest of its values costs
 @dataclass(frozen=True)
 class Values:
     """A fitted field: ``deviation`` and ``error`` of its coordinate by value of the cells, ``samples``
-    windows behind each.
-
-    ``basis`` (C, k) and ``covariance`` (k, k) of its coefficients.
-    """
+    windows behind each. ``basis`` (C, k) and ``covariance`` (k, k) of its coefficients."""
 
     deviation: Floats
     error: Floats

@@ -106,10 +106,8 @@ def _counting(problem: Problem, now: Joint, ranked: list[Joint], rivals: list[Hy
 
 
 def _follows(problem: Problem, now: Joint, joint: Joint, other: Joint) -> bool:
-    """Whether places mostly repeat what a curve over a recorded state says, and say it no better.
-
-    A few numbers of a curve are simpler than one for every road.
-    """
+    """Whether places mostly repeat what a curve over a recorded state says, and say it no better. A few
+    numbers of a curve are simpler than one for every road."""
     h, curve = joint.chosen[-1], other.chosen[-1].curve
     likely = other.score < joint.score + problem.settings.evidence
     if not h.placed or curve is None or not likely:
@@ -220,10 +218,8 @@ def _exact(problem: Problem, now: Joint, worth: dict[Hypothesis, tuple[Hypothesi
 
 def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
     """The candidates in the order in which they may be taken: the simplest of those that the model's own
-    error may exchange.
-
-    That error is alike in all trucks and hours, so between a part of them and all of them evidence decides.
-    """
+    error may exchange. That error is alike in all trucks and hours, so between a part of them and all of them
+    evidence decides."""
 
     def order(j: Joint) -> tuple[int, float]:
         """Numbers before places before fields before free curves; last what is not equal to the best."""
@@ -298,10 +294,8 @@ def _pruned(problem: Problem, found: Search) -> Search:
 
 
 def _without(problem: Problem, joint: Joint, dropped: Hypothesis) -> Joint:
-    """The fit without one hypothesis; of the others those with shapes are scanned anew.
-
-    A threshold that was set beside it may be another alone.
-    """
+    """The fit without one hypothesis; of the others those with shapes are scanned anew. A threshold that was
+    set beside it may be another alone."""
     left = refit(problem, joint.without(dropped), [c for c in joint.chosen if c is not dropped], steps=2)
     for h in [h for h in left.chosen if h.setting]:
         forms = [f for f in problem.rest if f.setting and (f.term, f.knobs) == (h.term, h.knobs)]

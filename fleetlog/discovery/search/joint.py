@@ -24,12 +24,9 @@ VARIANCES = (0.03, 0.3, 3.0, 30.0)
 
 @dataclass(frozen=True)
 class Joint:
-    """A set of hypotheses fitted: the model, its (F,) cross-validated losses in natural logarithms, and
-    its score.
-
-    ``score`` is minus the logarithm of what speaks for the model: losses, penalty of the prior, and the
-    cost of its numbers.
-    """
+    """A set of hypotheses fitted: the model, its (F,) cross-validated losses in natural logarithms, and its
+    score. ``score`` is minus the logarithm of what speaks for the model: losses, penalty of the prior, and
+    the cost of its numbers."""
 
     model: Model
     chosen: tuple[Hypothesis, ...]
@@ -129,11 +126,9 @@ def refit(problem: Problem, model: Model, chosen: Sequence[Hypothesis], steps: i
 
 
 def covariance(problem: Problem, joint: Joint) -> Floats:
-    """Return the (k, k) covariance of a fit's coefficients; zero for those on a bound.
-
-    A sandwich (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13), whose meat is the sum over trips of the
-    squares of their scores; the prior's part scatters as the prior says.
-    """
+    """Return the (k, k) covariance of a fit's coefficients; zero for those on a bound. A sandwich (Liang and
+    Zeger 1986, doi 10.1093/biomet/73.1.13), whose meat is the sum over trips of the squares of their scores;
+    the prior's part scatters as the prior says."""
     design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
     gram, meat, shift = _products(problem, joint)
     free = prior.within(beta)
@@ -175,21 +170,16 @@ def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
 
 @dataclass(frozen=True)
 class Size:
-    """How large an effect is where it acts: the ``share`` of the energy that it makes up, and what of it
-    was ``verified``.
-
-    Verified is the root mean square, over that of the energy, that unseen trips confirm.
-    """
+    """How large an effect is where it acts: the ``share`` of the energy that it makes up, and what of it was
+    ``verified``. Verified is the root mean square, over that of the energy, that unseen trips confirm."""
 
     share: float
     verified: float
 
 
 def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
-    """Return the size of the last hypothesis, in the windows that it touches.
-
-    Of a free curve only what tolerances cannot say as well: the difference that it makes beside them.
-    """
+    """Return the size of the last hypothesis, in the windows that it touches. Of a free curve only what
+    tolerances cannot say as well: the difference that it makes beside them."""
     h = joint.chosen[-1]
     before = now if h.term is None else replace(joint, model=joint.without(h))
 

@@ -77,12 +77,9 @@ def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
 
 
 def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats = 0.0) -> float:
-    """Return how likely trips that nothing has read speak so much for an effect by chance (one-sided,
-    trips independent).
-
-    ``residual`` (W,) of the model without the effect; ``effect`` (W,) what it would add, found on other
-    trips; ``own`` (W,) standard deviation of the model's own error, which all trips share.
-    """
+    """Return how likely trips that nothing has read speak so much for an effect by chance (one-sided, trips
+    independent). ``residual`` (W,) of the model without the effect; ``effect`` (W,) what it would add, found
+    on other trips; ``own`` (W,) standard deviation of the model's own error, which all trips share."""
     _, which = np.unique(cluster, return_inverse=True)
     score = np.bincount(which, residual * effect)
     score = score[np.bincount(which, np.abs(effect)) > 0.0]

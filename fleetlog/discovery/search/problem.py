@@ -34,11 +34,8 @@ EXPONENTS = np.linspace(0.0, 2.0, 9)
 @dataclass
 class Noise:
     """Variance per second of a window by its power, robust weights of the windows seen, and the design
-    effect.
-
-    ``design`` is by how much more sums over a trip (or what is held out in its place) scatter than
-    independent windows would.
-    """
+    effect. ``design`` is by how much more sums over a trip (or what is held out in its place) scatter than
+    independent windows would."""
 
     power: Floats
     variance: Floats

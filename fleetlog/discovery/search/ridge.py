@@ -44,11 +44,9 @@ class Prior:
 
 @dataclass
 class Sums:
-    """Products of P columns and the residual (the last column), weighted.
-
-    ``fold`` (F, P+1, P+1) by fold of trips; ``slow`` (F, p+1, p+1) by fold of stretches of hours, of the
-    columns without cells and the residual; ``own`` (V, F, n, P+1) those of numbers, by vehicle.
-    """
+    """Products of P columns and the residual (the last column), weighted. ``fold`` (F, P+1, P+1) by fold of
+    trips; ``slow`` (F, p+1, p+1) by fold of stretches of hours, of the columns without cells and the
+    residual; ``own`` (V, F, n, P+1) those of numbers, by vehicle."""
 
     layout: Layout
     fold: Floats
@@ -112,11 +110,9 @@ def stiff(gram: Floats, prior: Prior) -> Floats:
 
 
 def solve(gram: Floats, moment: Floats, prior: Prior) -> Floats:
-    """Return the (k,) most probable steps, a strictly convex problem.
-
-    By block principal pivoting (Judice and Pires 1994): all coefficients that break a condition change sides
-    together; where that does not lessen their number, only the last one does, and then no set comes twice.
-    """
+    """Return the (k,) most probable steps, a strictly convex problem. By block principal pivoting (Judice and
+    Pires 1994): all coefficients that break a condition change sides together; where that does not lessen
+    their number, only the last one does, and then no set comes twice."""
     h = stiff(gram, prior)
     b = moment + prior.precision * prior.centre
     held = np.zeros(len(b), dtype=np.int8)

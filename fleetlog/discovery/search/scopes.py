@@ -31,11 +31,9 @@ itself: of less, a time is told apart from a run of alike classes by the smaller
 
 @dataclass(frozen=True)
 class Column:
-    """One column beside a model: products by slow fold F, truck V and slot S.
-
-    ``cross`` (F, V, S, K) with the model's columns, ``along`` (F, V, S) with the residual, ``own`` (F, V, S)
-    with itself; ``unit`` of the losses.
-    """
+    """One column beside a model: products by slow fold F, truck V and slot S. ``cross`` (F, V, S, K) with the
+    model's columns, ``along`` (F, V, S) with the residual, ``own`` (F, V, S) with itself; ``unit`` of the
+    losses."""
 
     model: Beside
     cross: Floats

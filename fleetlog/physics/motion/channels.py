@@ -35,11 +35,9 @@ class Forks(NamedTuple):
 
 
 def forks(t: Floats, trajectory: Trajectory) -> Forks:
-    """The forks of a log: jitter and quantisation are taken out by a dead band.
-
-    Between two rows they move at their usual speed. A lift that begins or ends between two rows takes its
-    share of the time: it joins the lift in the interval before or after it, or else lies in the middle.
-    """
+    """The forks of a log: jitter and quantisation are taken out by a dead band. Between two rows they move at
+    their usual speed. A lift that begins or ends between two rows takes its share of the time: it joins the
+    lift in the interval before or after it, or else lies in the middle."""
     from fleetlog.physics.motion.kernels.way import dead_band
 
     height = trajectory.floats("fork_height")
@@ -88,11 +86,9 @@ def measured_power(trajectory: Trajectory) -> Floats:
 
 
 def slope_from_height(coordinate: Floats, z: Floats, breaks: Mask) -> Floats:
-    """(N,) slope angle [rad] from measured heights over the path coordinate; 0 where there are none.
-
-    A straight line fitted to the heights within half a window before and after each row; the window is so
-    long that the noise of the heights leaves the slope good to about half a per cent, at least 10 m.
-    """
+    """(N,) slope angle [rad] from measured heights over the path coordinate; 0 where there are none. A
+    straight line fitted to the heights within half a window before and after each row; the window is so long
+    that the noise of the heights leaves the slope good to about half a per cent, at least 10 m."""
     known, chain, out = np.isfinite(z), np.cumsum(breaks), np.zeros(len(z))
     for c in np.unique(chain[known]):
         there = chain == c

@@ -119,11 +119,9 @@ def _stepped(noise: Noise, name: str, factor: float, bounds: dict[str, tuple[flo
 
 
 def speed_noise(o: Observed) -> float:
-    """Standard deviation of the speed channel [m/s] from the quieter third differences of driven rows.
-
-    Where a truck begins to brake or to gather speed they show that; a quarter of the rows lies between.
-    Where rows are so far apart that the speed itself bends between them, that of a usual wheel encoder.
-    """
+    """Standard deviation of the speed channel [m/s] from the quieter third differences of driven rows. Where
+    a truck begins to brake or to gather speed they show that; a quarter of the rows lies between. Where rows
+    are so far apart that the speed itself bends between them, that of a usual wheel encoder."""
     third = o.speed[3:] - 3.0 * o.speed[2:-1] + 3.0 * o.speed[1:-2] - o.speed[:-3]
     lowest = np.min([o.speed[k : len(o.speed) - 3 + k] for k in range(4)], axis=0)
     whole = (o.t[3:] - o.t[:-3] < 4.5) & np.isfinite(third) & (lowest > 0.3)

@@ -37,11 +37,8 @@ TRACK = 2.5  # The same off the map [m]: it divides the noise of the positions
 @dataclass(frozen=True)
 class Reconstruction:
     """The motion in a log of N rows, as n samples fine enough for a model of power, and how well it is known.
-
-    No sample is longer than 0.25 s while the truck moves.  The accelerations of ``motion`` lie above and
-    below what is likeliest in turn (:attr:`likeliest`), so that a sum of power over samples is its
-    expectation.
-    """
+    No sample is longer than 0.25 s while the truck moves. The accelerations of ``motion`` lie above and below
+    what is likeliest in turn (:attr:`likeliest`), so that a sum of power over samples is its expectation."""
 
     motion: Motion
     row: Ints  # (n,) that each sample belongs to, growing

@@ -94,11 +94,9 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
 
 
 def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Mask:
-    """Return the (N,) rows whose position is known and new.
-
-    A position that is repeated while the speed says that the truck moved was not measured again; without a
-    speed, one that is repeated no longer than twice as long as is usual in this log.
-    """
+    """Return the (N,) rows whose position is known and new. A position that is repeated while the speed says
+    that the truck moved was not measured again; without a speed, one that is repeated no longer than twice as
+    long as is usual in this log."""
     fresh = np.isfinite(x) & np.isfinite(y)
     known = np.flatnonzero(fresh)
     new = np.append(True, (np.diff(x[known]) != 0.0) | (np.diff(y[known]) != 0.0))
@@ -136,11 +134,9 @@ def position_noise(x: Floats, y: Floats) -> float:
 
 
 def speed_is_mean(rows: Rows, way: Floats) -> bool:
-    """Whether the speed of a row is the mean since the row before, judged by the ``way`` (N,) seen.
-
-    Then the way between two rows is its speed times the step; else it is the mean of both rows' speeds times
-    the step.  What decides lies where the truck gathers or sheds speed.
-    """
+    """Whether the speed of a row is the mean since the row before, judged by the ``way`` (N,) seen. Then the
+    way between two rows is its speed times the step; else it is the mean of both rows' speeds times the step.
+    What decides lies where the truck gathers or sheds speed."""
     new = np.flatnonzero(rows.fresh & np.append(True, (np.diff(rows.x) != 0.0) | (np.diff(rows.y) != 0.0)))
     if not len(new):
         return False
@@ -162,10 +158,8 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
 
 def against_odometer(rows: Rows, way: Floats, jumps: Mask) -> tuple[float, Mask]:
     """Metres of ``way`` (N,) that positions show for a metre by the speed channel, 1 where unknown; and the
-    (N,) rows whose way since the last known row is not what it says then: a wrong match, or a bay.
-
-    An odometer and a map differ by a per cent or two; the smoother is to know of that of the speed channel.
-    """
+    (N,) rows whose way since the last known row is not what it says then: a wrong match, or a bay. An
+    odometer and a map differ by a per cent or two; the smoother is to know of that of the speed channel."""
     lost = np.zeros(len(way), bool)
     known = np.flatnonzero(np.isfinite(way) & rows.fresh)
     if not len(known) or not np.isfinite(rows.speed).any():

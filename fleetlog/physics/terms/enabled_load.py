@@ -6,10 +6,8 @@ from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 
 def power(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """P = ``power`` while the truck moves and for ``hold`` seconds after, 0 else [W].
-
-    Inverters, brakes held open and fans; two real AGVs draw 172 and 72 W so.
-    """
+    """P = ``power`` while the truck moves and for ``hold`` seconds after, 0 else [W]. Inverters, brakes held
+    open and fans; two real AGVs draw 172 and 72 W so."""
     row, moving = np.arange(len(motion)), motion.speed > 0.0
     last = np.maximum.accumulate(np.where(moving, row, -1))
     first = np.maximum.accumulate(np.where(np.diff(motion.vehicle, prepend=-1) != 0, row, 0))

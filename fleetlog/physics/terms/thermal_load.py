@@ -7,11 +7,8 @@ from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 def power(motion: Motion, truck: Truck, values: Values) -> Floats:
     """P = heating max(threshold - T, 0) + cooling max(T - threshold, 0) [W]; 0 where the temperature is
-    unknown.
-
-    Newton's law of cooling in the steady state.  ``heating`` and ``cooling`` in W/K, ``threshold`` in degC.
-    A cabin heater of 1 to 2 kW at 20 K below the threshold is 50 to 100 W/K (our estimate).
-    """
+    unknown. Newton's law of cooling in the steady state. ``heating`` and ``cooling`` in W/K, ``threshold`` in
+    degC. A cabin heater of 1 to 2 kW at 20 K below the threshold is 50 to 100 W/K (our estimate)."""
     above = np.nan_to_num(motion.ambient_temperature - values.get("threshold", 15.0), nan=0.0)
     heating, cooling = values.get("heating", 0.0), values.get("cooling", 0.0)
     return heating * np.maximum(-above, 0.0) + cooling * np.maximum(above, 0.0)

@@ -19,10 +19,8 @@ _LATE = re.compile(rb"\A(?>\s*(?:<!--(?>.*?-->)\s*)+)(?=<\?xml)", re.DOTALL)
 
 def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
     """The root element, namespaces taken off; :class:`SiteError` in one line where it is not well formed.
-
-    Files that declare entities are refused: a map has no use for them.  A comment before the XML declaration,
-    which some tools write, is passed over and noted.
-    """
+    Files that declare entities are refused: a map has no use for them. A comment before the XML declaration,
+    which some tools write, is passed over and noted."""
     data, late = _LATE.subn(b"", read_whole(path, error=SiteError))
     if late:
         notes.append("the XML declaration stands behind a comment, which is passed over")

@@ -43,11 +43,9 @@ def spiral(start: float, end: float, length: float) -> Curve:
 
 
 def param_poly3(u: Floats, v: Floats, length: float, span: float) -> Curve:
-    """u(p), v(p) cubic (coefficients (4,) a to d), p from 0 to ``span``; ds is arc length.
-
-    p is not proportional to the arc length; a table of the arc length over p is inverted, stretched so that
-    the end of the piece is that of the curve where the declared ``length`` differs by a little.
-    """
+    """u(p), v(p) cubic (coefficients (4,) a to d), p from 0 to ``span``; ds is arc length. p is not
+    proportional to the arc length; a table of the arc length over p is inverted, stretched so that the end of
+    the piece is that of the curve where the declared ``length`` differs by a little."""
     pu, pv = Polynomial(u), Polynomial(v)
     du, dv = pu.deriv(), pv.deriv()
     grid = np.linspace(0.0, span, _TABLE)
@@ -131,10 +129,8 @@ def _record(starts: Floats, s: Floats) -> NDArray[np.intp]:
 
 def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: float) -> Floats:
     """Stations s [m] so dense that chords stay within ``tolerance`` [m] of a curve, ``points`` (N, 3).
-
-    Between the given stations the curve is smooth.  Every chord is compared with the curve at its quarters
-    and halved until they agree, at most 14 times.  :class:`SiteError` beyond ``MOST`` stations.
-    """
+    Between the given stations the curve is smooth. Every chord is compared with the curve at its quarters and
+    halved until they agree, at most 14 times. :class:`SiteError` beyond ``MOST`` stations."""
     s = stations
     for _ in range(14):
         low, step, ends = s[:-1], np.diff(s), points(s)

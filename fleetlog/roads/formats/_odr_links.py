@@ -24,10 +24,8 @@ Pair = tuple[LaneEnd, LaneEnd] | None
 
 
 def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> list[tuple[str, str]]:
-    """The allowed turns, (edge id, next edge id), of the tally's lanes, whose nodes are lane ends.
-
-    Lane ends that touch become one node; dead ends are noted.
-    """
+    """The allowed turns, (edge id, next edge id), of the tally's lanes, whose nodes are lane ends. Lane ends
+    that touch become one node; dead ends are noted."""
     lanes, touching = tally.edges, _touching(roads, junctions, tally)
     entering: dict[str, list[str]] = defaultdict(list)
     nodes: dict[str, str] = {}

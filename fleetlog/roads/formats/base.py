@@ -48,11 +48,8 @@ class RoadMap:
 
 @dataclass(frozen=True)
 class Reader:
-    """A map format.
-
-    ``read`` gives a file as a :class:`RoadMap`; its :class:`SiteError` says the place in it, the caller adds
-    the file.
-    """
+    """A map format. ``read`` gives a file as a :class:`RoadMap`; its :class:`SiteError` says the place in it,
+    the caller adds the file."""
 
     name: str
     suffixes: tuple[str, ...]  # lower case, with the dot
@@ -83,9 +80,7 @@ class Tally:
 
     def keep(self, *directions: Edge, shortest: float = 1e-9) -> None:
         """Take in a road by the directions in which it is driven, or count it as dropped without length.
-
-        Vertices no farther than ``shortest`` from the one before them, in the unit of the points, go.
-        """
+        Vertices no farther than ``shortest`` from the one before them, in the unit of the points, go."""
         edges = [replace(e, points=distinct(e.points, shortest)) for e in directions]
         if any(len(e.points) < 2 for e in edges):
             self.dropped["without length"] += 1

@@ -134,10 +134,8 @@ def _truth(value: Any) -> bool:
 
 
 def _join_lines(lines: list[Edge], split: bool, notes: list[str]) -> list[Edge]:
-    """Lines in degrees with the nodes "" named; ``road`` stays.
-
-    Inner vertices that lie on a vertex of another road split theirs where ``split``.
-    """
+    """Lines in degrees with the nodes "" named; ``road`` stays. Inner vertices that lie on a vertex of
+    another road split theirs where ``split``."""
     first = np.concatenate([[0], np.cumsum([len(line.points) for line in lines])])
     owner = np.repeat(np.arange(len(lines)), np.diff(first))
     place = _places(np.concatenate([line.points for line in lines]), owner, first)

@@ -85,10 +85,8 @@ def _edge(raw: Item, spots: Nodes) -> Edge:
 
 
 def _nurbs(raw: Any) -> Floats:
-    """(n, 2) vertices [m] of {degree, knotVector, controlPoints}; chords within ``CHORD``.
-
-    Without a degree it is 1; a control point without a weight weighs 1.  Piegl and Tiller, The NURBS Book.
-    """
+    """(n, 2) vertices [m] of {degree, knotVector, controlPoints}; chords within ``CHORD``. Without a degree
+    it is 1; a control point without a weight weighs 1. Piegl and Tiller, The NURBS Book."""
     from scipy.interpolate import BSpline
 
     again, given = "export it again", raw if isinstance(raw, dict) else {}

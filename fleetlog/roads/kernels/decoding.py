@@ -31,11 +31,9 @@ def emission_costs(
     near: Candidates, direction: Floats, sharpness: Floats, axis: Floats, reverse: Index, sigma: float,
     weight: float, out: Floats,
 ) -> None:  # fmt: skip
-    """Cost of every candidate into ``out``: lateral distance, direction, axis of the log's heading.
-
-    That of the distance is Gaussian, linear beyond 3 sigma.
-    A motion plainly against a one-way road counts threefold: it is no noise about the other direction.
-    """
+    """Cost of every candidate into ``out``: lateral distance, direction, axis of the log's heading. That of
+    the distance is Gaussian, linear beyond 3 sigma. A motion plainly against a one-way road counts threefold:
+    it is no noise about the other direction."""
     ptr, edge, value = near
     for g in range(len(ptr) - 1):
         strength = math.sqrt(axis[0, g] ** 2 + axis[1, g] ** 2)
@@ -163,10 +161,8 @@ def decode(
     store: Store, roads: Roads, near: Candidates, emission: Floats, groups: Groups, costs: Costs, out: Choice,
     room: Scratch,
 ) -> None:  # fmt: skip
-    """Likeliest state of every group, and every state's posterior, into ``out``.
-
-    Works through blocks of groups and looks ahead beyond each, so memory does not grow with the track.
-    """
+    """Likeliest state of every group, and every state's posterior, into ``out``. Works through blocks of
+    groups and looks ahead beyond each, so memory does not grow with the track."""
     ptr = near.ptr
     chain, moved, still = groups.chain, groups.moved, groups.still
     chosen, posterior, off_posterior, linked = out

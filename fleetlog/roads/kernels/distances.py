@@ -49,10 +49,8 @@ def search(
     before: Index, heap_d: Floats, heap_e: Index, found: Index,
 ) -> Any:  # fmt: skip
     """Dijkstra over edges from the end of ``source``: edges whose start is within ``bound``, nearest first.
-
-    ``best`` (E,) is infinite on entry; :func:`forget` makes it so again.  ``before`` holds the previous
-    edge of the path.  Returns how many were found.
-    """
+    ``best`` (E,) is infinite on entry; :func:`forget` makes it so again. ``before`` holds the previous edge
+    of the path. Returns how many were found."""
     size = count = 0
     e, through = source, 0.0
     while True:

@@ -14,10 +14,8 @@ def smooth_coordinate(
     sd: Floats, kept: Floats,
 ) -> None:  # fmt: skip
     """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration ``accel`` [m2/s3].
-
     ``seen`` (n,) coordinates with variances ``seen_var`` (n,); ``speed`` (n,) is NaN where the log has none.
-    Writes the smoothed coordinate and its standard deviation; ``kept`` (5, n) are the states on the way.
-    """
+    Writes the smoothed coordinate and its standard deviation; ``kept`` (5, n) are the states on the way."""
     n = len(t)
     m, p = kept[:2], kept[2:]
     x, v, pxx, pxv, pvv = seen[0], 0.0, seen_var[0], 0.0, 25.0
@@ -71,10 +69,8 @@ def smooth_coordinate(
 
 @inner
 def _locate(where: float, piece: int, lo: int, hi: int, routes: Routes, roads: Roads, cursor: Wide) -> Any:
-    """Piece, offset, position, tangent and metres along per metre of plan at a path coordinate.
-
-    ``piece`` is a guess nearby; ``cursor`` (2,) is the edge and vertex of the last place.
-    """
+    """Piece, offset, position, tangent and metres along per metre of plan at a path coordinate. ``piece`` is
+    a guess nearby; ``cursor`` (2,) is the edge and vertex of the last place."""
     p_value, dist, px, py = routes.value, roads.dist, roads.px, roads.py
     while piece > lo and where < p_value[2, piece]:
         piece -= 1
@@ -155,10 +151,8 @@ def place_points(
 
 @inner
 def make_monotone(values: Floats, mean: Floats, size: Floats) -> None:
-    """The nearest series (least squares) that never decreases, in place: pool adjacent violators.
-
-    ``mean`` and ``size`` (n,) are for the pools.
-    """
+    """The nearest series (least squares) that never decreases, in place: pool adjacent violators. ``mean``
+    and ``size`` (n,) are for the pools."""
     n = len(values)
     m = 0
     for i in range(n):

@@ -39,10 +39,8 @@ def project_points(points: Floats, first: Index, distance: Floats, edge: Index, 
 def boxes_meet(
     dx: float, dy: float, ca: float, sa: float, cb: float, sb: float, half_l: float, half_w: float
 ) -> bool:
-    """Whether two rectangles of one size meet: no separating axis (Gottschalk, Lin and Manocha 1996).
-
-    They are ``dx`` and ``dy`` apart; cosines and sines of their headings.
-    """
+    """Whether two rectangles of one size meet: no separating axis (Gottschalk, Lin and Manocha 1996). They
+    are ``dx`` and ``dy`` apart; cosines and sines of their headings."""
     if dx * dx + dy * dy > 4.0 * (half_l * half_l + half_w * half_w):
         return False
     c, s = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)

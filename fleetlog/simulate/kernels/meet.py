@@ -32,10 +32,8 @@ class Drives(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """Truck v has gates first[v]:first[v + 1], in order of ``at``.
-
-    Node ``at`` is closed until ``truck`` has reached ``node``, unless this ``side`` of a meeting goes first.
-    """
+    """Truck v has gates first[v]:first[v + 1], in order of ``at``. Node ``at`` is closed until ``truck`` has
+    reached ``node``, unless this ``side`` of a meeting goes first."""
 
     first: Ints
     at: Ints

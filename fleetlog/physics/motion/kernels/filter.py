@@ -65,12 +65,9 @@ def filter_forward(
     t: Floats, seen: Floats, seen_var: float, speed: Floats, speed_var: float, rest: Mask, link: Codes,
     jerk: Floats, decay: float, mean: Floats, cov: Floats,
 ) -> float:  # fmt: skip
-    """Kalman filter: the log likelihood of the innovations.
-
-    Writes filtered means (N, 3) and covariances (N, 6); empty arrays keep nothing.  ``seen`` and ``speed``
-    are NaN where not measured.  At ``rest`` speed and acceleration are observed to be zero.  ``jerk`` is its
-    density in the step to each row.
-    """
+    """Kalman filter: the log likelihood of the innovations. Writes filtered means (N, 3) and covariances
+    (N, 6); empty arrays keep nothing. ``seen`` and ``speed`` are NaN where not measured. At ``rest`` speed
+    and acceleration are observed to be zero. ``jerk`` is its density in the step to each row."""
     keep = len(mean) == len(t)
     total, last, lastq = 0.0, -1.0, -1.0
     for i in range(len(t)):
