@@ -97,10 +97,8 @@ def test_small_work_stays_here():
     assert Processes(2, always=True).pays(0.0)
 
 
-def test_an_address_where_nobody_is():
+def test_an_address_where_nobody_is(monkeypatch):
     pytest.importorskip("distributed")
-    from fleetlog.engines import engine
-
-    engine.TIMEOUT = 1
+    monkeypatch.setattr(engines, "TIMEOUT", 1)
     with pytest.raises(InputError, match="no Dask scheduler"), engines.using(scheduler="tcp://127.0.0.1:9"):
         pass

@@ -142,6 +142,18 @@ def test_movingpandas_reads_moving_features(make_dataset, tmp_path: Path) -> Non
     np.testing.assert_allclose(first.geometry.y, latitude[: len(first)], atol=2e-9)
 
 
+def test_evo_reads_tum(make_dataset, tmp_path: Path) -> None:
+    files = pytest.importorskip("evo.tools.file_interface")
+    dataset = make_dataset(vehicles=1)
+    export_dataset(dataset, "tum", tmp_path / "a.tum")
+    found, rows = files.read_tum_trajectory_file(tmp_path / "a.tum"), dataset.read("T00")
+    assert found.check()[0]
+    np.testing.assert_allclose(found.timestamps, rows.time * 1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.positions_xyz[:, :2].T, (rows.floats("x"), rows.floats("y")), atol=1e-6)
+    yaw = 2.0 * np.arctan2(found.orientations_quat_wxyz[:, 3], found.orientations_quat_wxyz[:, 0])
+    np.testing.assert_allclose(np.cos(yaw - rows.floats("heading")), 1.0, atol=1e-9)
+
+
 def test_mcap_brings_the_battery_back_as_a_channel(make_dataset, tmp_path: Path) -> None:
     dataset = make_dataset(vehicles=2)
     out = tmp_path / "x.mcap"
