@@ -13,6 +13,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Chassis, Truck
+from fleetlog.discovery.channels.energy import _recorded
 from fleetlog.discovery.channels.energy_columns import Evaluation
 from fleetlog.discovery.channels.paths import kinks
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
@@ -79,6 +80,23 @@ def test_windows_keep_the_energy_and_never_straddle_a_trip() -> None:
     assert c.energy(power).sum() == pytest.approx((power * b.motion.dt).sum() * 1e-3)
     for w in range(c.count):
         assert len(np.unique(b.trip[c.of_row == w])) == 1
+
+
+@pytest.mark.parametrize("power", [470.0, -4000.0])
+@pytest.mark.parametrize("rate", [-2e-6, 1e-4])
+def test_a_charge_that_rises_at_standstill_is_left_out_whether_or_not_its_power_is_logged(
+    rate: float, power: float
+) -> None:
+    track, t = drive(600), np.arange(840.0)
+    still = t >= 600
+    columns = {name: np.append(values, np.full(240, values[-1])) for name, values in track.columns.items()}
+    columns["speed"][still], columns["battery_power"][still] = 0.0, power
+    columns["soc"] = 0.8 - 4e-6 * np.minimum(t, 600) + rate * np.maximum(t - 600, 0)
+    b = block(Trajectory("T", (t * 1e6).astype(np.int64), columns), 0, None, TRUCK)
+    c = cut(b, 10.0)
+    known = np.isfinite(_recorded(c, "soc", 3600.0 * TRUCK.battery.capacity_wh, 0.5))
+    begin = c.of_row[604]
+    assert known[:begin].all() and (known[begin + 1 :] == (rate < 0 and power > 0)).all()
 
 
 def rows_late(t: np.ndarray, fine: Trajectory, shift: float) -> np.ndarray:

@@ -26,6 +26,7 @@ LEAST_SWING = 1.0  # Rows that scatter by less than this [W] are as good as a lo
 MOST_HUNTED = 6  # Roads on which trucks may hunt for their speed in a way of their own
 SILENCE = 0.05  # Of a window, that the log may be silent beside it: half of that is its error
 LEAP = 0.005  # A rise of the charge from row to row that no braking gives
+PLUGGED = 60.0  # Nobody charges for less [s], and noise of the charge is little over so long a standstill
 RIPPLE = ErrorSource("ripple", 2.0)
 ERRORS = (ErrorSource("sampling", 0.5), RIPPLE, ErrorSource("lag", 0.15))
 """What sampling hides: accelerations between rows (0: what is expected, 1: what is likeliest), power that
@@ -271,7 +272,7 @@ class EnergyChannel(Channel):
 def _recorded(c: Cut, channel: str, capacity: float, silence: float) -> Floats:
     """(windows,) kJ that the channel shows; NaN where rows miss, for so many seconds beside a window of the
     charge, or where the battery is charged or swapped."""
-    block, charged, first = c.block, _charged(c), c.first
+    block, charged, first = c.block, _charged(c, capacity), c.first
     if channel == "battery_power":
         energy = np.bincount(c.of_row, block.power * block.seconds, c.count) * 1e-3
         return np.asarray(np.where(charged, np.nan, energy), dtype=np.float64)
@@ -284,11 +285,17 @@ def _recorded(c: Cut, channel: str, capacity: float, silence: float) -> Floats:
     return np.where(charged, np.nan, -np.diff(border) * capacity * 1e-3)
 
 
-def _charged(c: Cut) -> Mask:
-    """(windows,) whether the battery took energy that no wheel gave: standing, or by a leap of its charge."""
+def _charged(c: Cut, capacity: float) -> Mask:
+    """(windows,) whether the battery took energy that no wheel gave: standing, with the power recorded or a
+    charge that rises without it, or by a leap of its charge."""
     block, m = c.block, c.motion
     still = (block.rows(m.speed) <= 0.0) & (np.abs(block.rows(m.lift_speed)) <= 0.0)
+    begin = np.flatnonzero(np.diff(still, prepend=~still[:1]))
+    end = np.append(begin[1:], len(block)) - 1
+    lasts, rise = (v[end] - v[begin] for v in (block.time, block.soc))
+    plugged = (lasts >= PLUGGED) & (rise * capacity > -CHARGING * lasts)
+    still_charging = still & np.repeat(plugged, end - begin + 1)
     leap = np.diff(block.soc, prepend=block.soc[:1]) > LEAP
     # The border of two windows lies between the rows of a leap: neither knows its end.
-    taken = (still & (block.power < CHARGING)) | leap | np.append(leap[1:], False)
+    taken = (still & (block.power < CHARGING)) | still_charging | leap | np.append(leap[1:], False)
     return np.asarray(np.bincount(c.of_row, taken, c.count) > 0)

@@ -111,16 +111,23 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, F
         means = float(np.mean(before)), float(np.mean(after))
         return Fault(terms[kind].name, "battery_power", metric, off, *means)
 
-    if "mean" in terms and float(np.median([k.averaged - k.after for k in every])) < 0.0:
+    if "mean" in terms and _averaged(every):
         interval = float(np.median([k.interval for k in every]))
-        told = dict.fromkeys(late.by_vehicle, interval)
+        # By how much a mean runs behind is known poorly: what its own pieces say tells of each vehicle.
+        told = {v: interval for v in middle if v in late.by_vehicle or _averaged(looks[v])}
         error = max(finest, _spread([k.interval for k in every]))
-        averaged = fault("mean", replace(late, by_vehicle=told, error=error), [k.averaged for k in every])
+        off = replace(late, by_vehicle=told, error=error, all_vehicles=len(told) == len(middle))
+        averaged = fault("mean", off, [k.averaged for k in every])
         return averaged, replace(fleet, lag=dict.fromkeys(told, 0.5 * fleet.step), interval=told)
     if "clock" not in terms:
         return None
     late = replace(late, error=max(late.error, finest))
     return fault("clock", late, [k.after for k in every]), replace(fleet, lag=late.by_vehicle)
+
+
+def _averaged(looks: list[_Look]) -> bool:
+    """Whether a mean over the last seconds says more of the pieces of a log than a late clock does."""
+    return float(np.median([k.averaged - k.after for k in looks])) < 0.0
 
 
 def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> Off | None:
