@@ -24,13 +24,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 sys.path.insert(0, str(Path(__file__).parents[1] / "blind"))
 
-import recorder
-import traffic
-from run import chosen
+from run import chosen, read, recorded
 from score import judge
 
 from fleetlog import engines
-from fleetlog.cli.main import cli as fleetlog
 from fleetlog.core.truck import load_truck
 from fleetlog.discovery.diagnose import diagnose
 from fleetlog.discovery.settings import SETTINGS, Settings
@@ -105,12 +102,9 @@ def main() -> None:
         folders = {}
         for case in chosen(given.what, range(int(first), int(last or first) + 1)):
             folder = folders[case.name] = (given.keep or Path(scratch)) / case.name
-            if not (folder / "key.json").exists():
-                (traffic.record if case.site == "grid" else recorder.record)(case, folder)
+            recorded(case, folder)
             if not (folder / "data").exists():
-                site = [] if case.site == "none" else ["--site", str(folder / "site.toml")]
-                log, data = str(folder / "recorded.csv.gz"), str(folder / "data")
-                fleetlog(["import", log, *site, "-o", data, "-q", "--no-recording"], standalone_mode=False)
+                read(case, folder)
         run(given.out, folders)
     table(given.out)
 

@@ -39,13 +39,9 @@ def run(case: Case, folder: Path) -> dict[str, Any]:
     out: dict[str, Any] = {"case": case.name, "family": case.family}
     clock = [time.process_time()]
     try:
-        done = folder / "key.json"
-        record = traffic.record if case.site == "grid" else recorder.record
-        out["key"] = json.loads(done.read_text()) if done.exists() else record(case, folder)
+        out["key"] = recorded(case, folder)
         clock.append(time.process_time())
-        site = [] if case.site == "none" else ["--site", str(folder / "site.toml")]
-        given = [str(folder / "recorded.csv.gz"), *site, "-o", str(folder / "data")]
-        _call("import", *given, "-q", "--no-recording", "--overwrite")
+        read(case, folder)
         clock.append(time.process_time())
         truck = ["--truck", str(folder / "truck.toml"), "-o", str(folder / "diagnosis")]
         _call("diagnose", str(folder / "data"), *truck, "-q", "--overwrite")
@@ -55,6 +51,20 @@ def run(case: Case, folder: Path) -> dict[str, Any]:
         out["error"] = _words(error)
     out["seconds"] = [round(b - a, 2) for a, b in itertools.pairwise(clock)]
     return out
+
+
+def recorded(case: Case, folder: Path) -> dict[str, Any]:
+    """The key of a case, which is recorded unless that was done before."""
+    done = folder / "key.json"
+    record = traffic.record if case.site == "grid" else recorder.record
+    return json.loads(done.read_text()) if done.exists() else record(case, folder)
+
+
+def read(case: Case, folder: Path) -> None:
+    """Import what was recorded."""
+    site = [] if case.site == "none" else ["--site", str(folder / "site.toml")]
+    given = [str(folder / "recorded.csv.gz"), *site, "-o", str(folder / "data")]
+    _call("import", *given, "-q", "--no-recording", "--overwrite")
 
 
 def compact(found: dict[str, Any]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.recording.blocks import TRIP, Block
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.physics.motion.rows import metres_driven
+from fleetlog.physics.motion.rows import elsewhere, metres_driven
 from fleetlog.physics.power import Physics, all_terms, battery_power
 from fleetlog.physics.term import Term
 
@@ -270,7 +270,7 @@ def _edge_pairs(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, flo
 def _chord_pairs(trajectory: Trajectory) -> Iterator[tuple[int, float, float]]:
     """Yield row, integrated speed and chord [m] of straight runs, for logs without a map."""
     x, y = trajectory.floats("x"), trajectory.floats("y")
-    new = np.concatenate([[True], (np.diff(x) != 0) | (np.diff(y) != 0)]) & np.isfinite(x)
+    new = elsewhere(x, y) & np.isfinite(x)
     travelled = metres_driven(trajectory.seconds(), np.nan_to_num(trajectory.floats("speed")))
     rows = np.flatnonzero(new)
     if len(rows) < 50:

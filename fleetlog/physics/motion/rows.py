@@ -99,7 +99,7 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Mask:
     long as is usual in this log."""
     fresh = np.isfinite(x) & np.isfinite(y)
     known = np.flatnonzero(fresh)
-    new = np.append(True, (np.diff(x[known]) != 0.0) | (np.diff(y[known]) != 0.0))
+    new = elsewhere(x[known], y[known])
     if new.all():
         return fresh
     run = np.cumsum(new) - 1
@@ -109,6 +109,11 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Mask:
     brief = (lasts <= 2.0 * np.median(lasts))[run] & (np.median(np.bincount(run)) > 1)
     fresh[known] = new | ~np.where(np.isfinite(speed[known]), moved, brief)
     return fresh
+
+
+def elsewhere(x: Floats, y: Floats) -> Mask:
+    """Return the (N,) rows that are not where the row before is; the first is one."""
+    return np.append(True, (np.diff(x) != 0.0) | (np.diff(y) != 0.0))
 
 
 def metres_driven(t: Floats, speed: Floats) -> Floats:
@@ -137,7 +142,7 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
     """Whether the speed of a row is the mean since the row before, judged by the ``way`` (N,) seen. Then the
     way between two rows is its speed times the step; else it is the mean of both rows' speeds times the step.
     What decides lies where the truck gathers or sheds speed."""
-    new = np.flatnonzero(rows.fresh & np.append(True, (np.diff(rows.x) != 0.0) | (np.diff(rows.y) != 0.0)))
+    new = np.flatnonzero(rows.fresh & elsewhere(rows.x, rows.y))
     if not len(new):
         return False
     # Between two new positions: what the speeds of both ends say of the way, and what the mean would add.
