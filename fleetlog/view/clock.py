@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.result import Flows, Grid, Marks, MovingLines, Result
@@ -115,7 +116,15 @@ def thinned(trajectory: Trajectory, rate_hz: float) -> Trajectory:
     """The trajectory at no more than ``rate_hz``; rows beside a gap are always kept."""
     time = trajectory.time
     before = np.flatnonzero(np.diff(time) > gap_limit(time))
-    return trajectory[np.union1d(rows_at_rate(time, rate_hz), np.concatenate([before, before + 1]))]
+    return trajectory[together(len(time), rows_at_rate(time, rate_hz), before, before + 1)]
+
+
+def together(rows: int, *indices: ArrayLike) -> Ints:
+    """The indices into ``rows`` that are in any of the sets, in order."""
+    keep = np.zeros(rows, dtype=bool)
+    for these in indices:
+        keep[np.asarray(these, np.int64)] = True
+    return np.flatnonzero(keep)
 
 
 def changed(values: Floats, step: float) -> Ints:
@@ -126,13 +135,9 @@ def changed(values: Floats, step: float) -> Ints:
 
 def moved(step: float, *values: Floats) -> Ints:
     """Indices at which any value moved by ``step``, the rows before (a truck stood till then), both ends."""
-    keep = np.zeros(len(values[0]), dtype=bool)
-    keep[:1] = keep[-1:] = True
-    for v in values:
-        at = changed(v, step)
-        keep[at] = True
-        keep[np.maximum(at - 1, 0)] = True
-    return np.flatnonzero(keep)
+    at = [changed(v, step) for v in values]
+    rows = len(values[0])
+    return together(rows, *at, *(np.maximum(k - 1, 0) for k in at), [0, -1][: 2 * (rows > 0)])
 
 
 def pieces(time: Ints, limit: int) -> list[slice]:

@@ -178,7 +178,7 @@ def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], h
     """Turns of the body; it shrinks to nothing at the times at which it is ``hidden``."""
     heading = t.floats("heading")
     keep = clock.changed(heading, np.radians(2.0))
-    keep = np.union1d(keep[np.isfinite(heading[keep])], starts)
+    keep = clock.together(len(t), keep[np.isfinite(heading[keep])], starts)
     time, order, shown = _in_order(t.time[keep], hidden)
     turn = np.append(np.nan_to_num(heading[keep]), np.zeros(len(hidden)))[order]
     stream.rows(
@@ -190,7 +190,7 @@ def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], h
 def _log_bar(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
     """A dark bar with a coloured part as long as the battery is full, redrawn at every per cent."""
     soc = t.floats("soc")
-    keep = np.union1d(clock.changed(soc, 0.01), starts)
+    keep = clock.together(len(t), clock.changed(soc, 0.01), starts)
     keep = keep[np.isfinite(soc[keep])]
     time, _, shown = _in_order(t.time[keep], hidden)
     split = BAR_HALF * (2.0 * np.clip(soc[keep], 0.03, 1.0) - 1.0)
@@ -227,7 +227,10 @@ def _log_trail(stream: Stream, lane: Lane, t: Trajectory, floor: Floats, limit: 
         inner = np.arange(piece.start, piece.stop)
         inner = inner[clock.moved(5.0 * STEP, *xyz[inner].T)]
         rows += [inner[k : k + TRAIL_STEP + 1] for k in range(0, len(inner) - 1, TRAIL_STEP)]
-    rows = [r for r in rows if np.ptp(xyz[r], axis=0).max() > 0.05]
+    begins = np.append(0, np.cumsum([len(r) for r in rows]))[:-1].astype(np.int64)
+    flat = xyz[np.concatenate(rows)] if rows else xyz[:0]
+    size = np.maximum.reduceat(flat, begins) - np.minimum.reduceat(flat, begins) if rows else flat
+    rows = [rows[k] for k in np.flatnonzero(size.max(axis=1, initial=0.0) > 0.05)]
     path, when = lane.path("trail"), np.array([t.time[r[-1]] for r in rows], np.int64)
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.8), colors=[lane.colour]))
     stream.rows(path, when, rr.LineStrips3D, strips=[xyz[r] for r in rows])

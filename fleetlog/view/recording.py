@@ -11,11 +11,9 @@ Rows of a vehicle each would cost more than twice the file, and two hundred curv
 
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Site
@@ -28,7 +26,7 @@ from fleetlog.view.fleet import Fleet, curve_style, log_day
 from fleetlog.view.palette import Colour
 from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body, truck_fork
 from fleetlog.view.scene import log_site, log_ways, ways_of
-from fleetlog.view.stream import Stream, entity, open_stream, ui_points, verbatim
+from fleetlog.view.stream import Singles, Stream, entity, open_stream, ui_points, verbatim
 
 RATE = 2.0  # Samples a second that are kept by default
 MANY = 60  # From this many vehicles on they are drawn together, one row a time step for all
@@ -41,7 +39,6 @@ FIGURES: dict[str, tuple[str, float]] = {
     "waiting_s": ("waiting: {:,.1f} h", 1.0 / 3600.0),
 }  # fmt: skip
 """Figures of an import or a simulation that are shown, with the factor to the unit in which they are."""
-Singles = NDArray[Any]  # float32: what the viewer keeps of a position anyway
 FIELDS = ("x", "y", "z", "heading", "speed", "battery_power", "soc", "payload", "fork_height")
 STEP_RATE = 1.0  # Steps a second of many trucks at most
 BLOCK = 400_000  # Positions held in memory at once

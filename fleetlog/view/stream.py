@@ -4,14 +4,16 @@ import os
 import re
 import shutil
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
+from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Ints
 from fleetlog.errors import OutputError
@@ -19,6 +21,7 @@ from fleetlog.store.output import remade
 from fleetlog.view.clock import SKIPPED, Clock
 
 APPLICATION, TIMELINE = "fleetlog", "utc"
+Singles = NDArray[Any]  # float32: what the viewer keeps of a position anyway
 _FOOTER = struct.Struct("<QQI8sI")
 CHUNK = 32_768  # Rows a chunk: 8 to 65 thousand open fast and keep the viewer's memory low
 ui_points = rr.Radius.ui_points  # A radius in points of the screen
@@ -47,6 +50,8 @@ class Stream:
 
     def rows(self, path: str, time: Ints, kind: Any, lengths: Ints | None = None, **fields: Any) -> None:
         """One instance of the archetype ``kind`` at each ``time``, or ``lengths`` (T,); ``fields`` of all."""
+        if "strips" in fields:
+            fields["strips"] = _ragged(fields["strips"])
         ends = np.append(0, np.cumsum(np.ones(len(time), np.int64) if lengths is None else lengths))
         for begin in range(0, len(time), CHUNK):
             rows = slice(begin, min(begin + CHUNK, len(time)))
@@ -58,6 +63,15 @@ class Stream:
                 index.append(rr.TimeColumn(SKIPPED, duration=passed))
             whole = data if lengths is None else data.partition(lengths[rows])
             self.recording.send_columns(path, index, whole)
+
+
+def _ragged(strips: Sequence[Singles]) -> pa.Array:
+    """Strips, each (n, 3), as Rerun keeps them: its own conversion calls Python often for every strip."""
+    points = np.concatenate([np.zeros((0, 3)), *strips], dtype=np.float32)
+    ends = np.append(0, np.cumsum([len(s) for s in strips], dtype=np.int32))
+    kind = rr.components.LineStrip3DBatch([]).as_arrow_array().type
+    triples = pa.FixedSizeListArray.from_arrays(pa.array(points.ravel()), type=kind.value_type)
+    return pa.ListArray.from_arrays(pa.array(ends, pa.int32()), triples, type=kind)
 
 
 @contextmanager
