@@ -106,7 +106,7 @@ def _vehicle_day(
 
 def _sources(physics: Physics) -> list[str]:
     """The code of the terms: a user may change his own between two runs."""
-    modules = {t.function.__module__ for t in physics.active() if t.function is not None}
+    modules = {t.function.__module__ for t in physics.active if t.function is not None}
     return [inspect.getsource(sys.modules[name]) for name in sorted(modules) if name in sys.modules]
 
 

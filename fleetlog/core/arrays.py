@@ -7,3 +7,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Index = NDArray[np.int32]  # Codes and indices, which need less room
 Mask = NDArray[np.bool_]
+
+
+def distinct(values: Floats) -> Floats:
+    """(N,) values; (1,) where they are one value repeated in place, of which a function is called once."""
+    return values[:1] if values.strides == (0,) else values

@@ -101,6 +101,7 @@ class Physics:
         """Return what holds most at a time."""
         return max(self.phases(np.array([time])), key=lambda phase: float(phase[0][0]))[1]
 
+    @cached_property
     def active(self) -> list[Term]:
         """Nominal terms and added ones, in the order of their names."""
         used = {*self.values, *self.fields}
@@ -121,7 +122,7 @@ class Physics:
         """The truck with every value that a term replaces."""
         keys = [
             (term.by_name[name].truck_key, float(value))
-            for term in self.active()
+            for term in self.active
             for name, value in self.values.get(term.name, {}).items()
             if term.by_name[name].truck_key
         ]
@@ -129,7 +130,7 @@ class Physics:
 
     def actual_motion(self, motion: Motion) -> Motion:
         """The motion with the load that acts, where a term replaces it."""
-        for term in self.active():
+        for term in self.active:
             if term.acts == "load" and term.function is not None:
                 load = term.function(motion, self.truck, self.values_along(term, motion))
                 motion = motion.replaced(payload=load)
@@ -179,10 +180,16 @@ def evaluated(
     """What the functions of all terms that act so return, (N,) each, ``given`` further values."""
     if physics.own:
         return _over_phases(motion, physics, lambda p: evaluated(motion, p, acts, given))
-    truck, motion = physics.actual_truck, physics.actual_motion(motion)
+    return acting(physics.actual_motion(motion), physics.actual_truck, physics, acts, given)
+
+
+def acting(
+    motion: Motion, truck: Truck, physics: Physics, acts: str, given: Values = MappingProxyType({})
+) -> dict[str, Floats]:
+    """The same of a physics without own values, for its actual motion and truck."""
     return {
         t.name: t.function(motion, truck, {**physics.values_along(t, motion), **given})
-        for t in physics.active()
+        for t in physics.active
         if t.acts == acts and t.function is not None
     }
 

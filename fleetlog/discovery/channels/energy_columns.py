@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 from scipy.special import ndtr
 
 from fleetlog.core.motion import Motion
@@ -15,7 +16,7 @@ from fleetlog.discovery.channels.base import About
 from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
 from fleetlog.discovery.recording.blocks import Cut, by_window
-from fleetlog.physics.power import Physics, all_terms, cell_power, evaluated
+from fleetlog.physics.power import Physics, acting, all_terms, cell_power
 from fleetlog.physics.term import GRAVITY, Floats, Term, Values
 
 STEP = 0.01
@@ -82,12 +83,13 @@ class Evaluation:
         return self._sum("power")
 
     def _sum(self, acts: str) -> Floats:
-        return sum(evaluated(self.recorded, self.physics, acts).values(), np.zeros(len(self.recorded)))
+        by_term = acting(self.motion, self.truck, self.physics, acts).values()
+        return sum(by_term, np.zeros(len(self.recorded)))
 
     def _driven(self, force: Floats) -> Floats:
         drive = self.truck.drive
         conversion = np.where(force >= 0.0, 1.0 / drive.efficiency, drive.regeneration)
-        by_force = evaluated(self.recorded, self.physics, "drive", {"force": force}).values()
+        by_force = acting(self.motion, self.truck, self.physics, "drive", {"force": force}).values()
         return np.asarray(sum(by_force, force * conversion * self.motion.speed))
 
     def _seen(self, terminal: Floats) -> Floats:
@@ -155,9 +157,11 @@ class EnergyAbout(About):
         term, motion = source.physics, self.own.motion
         cells = self.channel.cells(term)
         slope = self._slope(term) if term else UNIT["moving"] * (motion.speed > 0.0).astype(float)
-        slope, total = self._shared(source.scope, slope), np.zeros((self.own.count, cells.size))
+        energy = self._shared(source.scope, slope) * motion.dt * 1e-3
+        total = sparse.csr_array((self.own.count, cells.size))  # A window touches few cells
         for number, weight in cells.parts(motion):
-            total += by_window(self.own.of, number, slope * weight * motion.dt, *total.shape) * 1e-3
+            on = number >= 0
+            total += sparse.csr_array(((energy * weight)[on], (self.own.of[on], number[on])), total.shape)
         return np.asarray(total @ cells.root)
 
     def _slope(self, term: Term) -> Floats:

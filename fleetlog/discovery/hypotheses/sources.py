@@ -148,6 +148,10 @@ class Layout:
         i = self._index[source]
         return range(self.starts[i], self.starts[i + 1])
 
+    def holds(self, other: "Layout") -> bool:
+        """Return whether all sources of another are here."""
+        return self._index.keys() >= set(other.sources)
+
     @cached_property
     def _index(self) -> dict[Source, int]:
         return {s: i for i, s in enumerate(self.sources)}

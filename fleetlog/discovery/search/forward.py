@@ -56,17 +56,17 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
     if found.best_untold is None and screened:
         found.best_untold = screened[0].hypothesis
     worth = [s for s in screened if _significant(problem, now, s)]
-    better = _best(problem, now, found, screened, worth)
+    better = _best(problem, sums, now, found, screened, worth)
     if better is not None:
         return better
     # What gains most may be spread thinly over the site, and not count; waits gather at few places and gain
     # less.
     waits = [s for s in worth if s.hypothesis.physics is not None and s.hypothesis.physics.acts == "wait"]
-    return _best(problem, now, found, screened, waits) if waits else None
+    return _best(problem, sums, now, found, screened, waits) if waits else None
 
 
 def _best(
-    problem: Problem, now: Joint, found: Search, screened: list[Screened], worth: list[Screened]
+    problem: Problem, sums: Sums, now: Joint, found: Search, screened: list[Screened], worth: list[Screened]
 ) -> Joint | None:
     """Return the model with the best of some hypotheses added, None where none of them counts."""
     best = max((s.gain for s in worth), default=0.0)
@@ -74,11 +74,12 @@ def _best(
     close = _close(problem, screened, worth)
     rivals = [s.hypothesis for s in close]
     beside = {s.hypothesis: s.beside or now.chosen for s in (*near, *close)}
-    tried = _exact(problem, now, beside | {h: now.chosen for h in _on_edge(problem, now) if h not in beside})
+    beside |= {h: now.chosen for h in _on_edge(problem, now) if h not in beside}
+    tried = _exact(problem, sums, now, beside)
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
     tried = [_no_better_than(now, j, slow.get(j.chosen[-1].kind)) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
-    counting = _counting(problem, now, ranked, rivals)
+    counting = _counting(problem, sums, now, ranked, rivals)
     first = next(counting, None)
     if first is not None and first.chosen[-1].places:
         # What the names say of places goes first: free time by place takes up all of it, and what no name
@@ -91,28 +92,30 @@ def _best(
     return first
 
 
-def _counting(problem: Problem, now: Joint, ranked: list[Joint], rivals: list[Hypothesis]) -> Iterator[Joint]:
+def _counting(
+    problem: Problem, sums: Sums, now: Joint, ranked: list[Joint], rivals: list[Hypothesis]
+) -> Iterator[Joint]:
     """Yield what may be added to the model, in the order in which it may; ``rivals`` may not."""
     worth = [j for j in ranked if j.chosen[-1] not in rivals]
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
             continue
         if any(_is_part_of(joint, other) for other in worth) or any(
-            _follows(problem, now, joint, o) for o in ranked
+            _follows(problem, sums, now, joint, o) for o in ranked
         ):
             continue
         if _counts(problem, joint.chosen[-1], size_of(problem, now, joint)):
             yield joint
 
 
-def _follows(problem: Problem, now: Joint, joint: Joint, other: Joint) -> bool:
+def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Joint) -> bool:
     """Whether places mostly repeat what a curve over a recorded state says, and say it no better. A few
     numbers of a curve are simpler than one for every road."""
     h, curve = joint.chosen[-1], other.chosen[-1].curve
     likely = other.score < joint.score + problem.settings.evidence
     if not h.placed or curve is None or not likely:
         return False
-    both = refit(problem, now.model, [*other.chosen, h], 1)
+    both = refit(problem, now.model, [*other.chosen, h], 1, sums)
     return other.score - both.score < OWN * (now.score - joint.score)
 
 
@@ -202,7 +205,9 @@ def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
     return [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in knobs]
 
 
-def _exact(problem: Problem, now: Joint, worth: dict[Hypothesis, tuple[Hypothesis, ...]]) -> list[Joint]:
+def _exact(
+    problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, tuple[Hypothesis, ...]]
+) -> list[Joint]:
     """The best few, each beside its model, fitted exactly: of every term the best form."""
     short: list[Joint] = []
     seen: dict[object, int] = {}
@@ -212,7 +217,7 @@ def _exact(problem: Problem, now: Joint, worth: dict[Hypothesis, tuple[Hypothesi
         most = 3 if h.term is None or (h.physics and h.physics.field) else 2 if kind == "scoped" else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
-            short.append(refit(problem, now.model, [*beside, h], 2 if h.term else 1))
+            short.append(refit(problem, now.model, [*beside, h], 2 if h.term else 1, sums))
     return short
 
 

@@ -112,11 +112,20 @@ def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
     return model, far
 
 
-def refit(problem: Problem, model: Model, chosen: Sequence[Hypothesis], steps: int = MOST_STEPS) -> Joint:
-    """Fit a set of hypotheses exactly: the columns are taken anew about the model until it settles."""
+def refit(
+    problem: Problem,
+    model: Model,
+    chosen: Sequence[Hypothesis],
+    steps: int = MOST_STEPS,
+    known: Sums | None = None,
+) -> Joint:
+    """Fit a set of hypotheses exactly: the columns are taken anew about the model until it settles. ``known``
+    are products about ``model``, which serve the first step if they hold all columns of the hypotheses."""
     joint = None
+    if known is not None and not known.layout.holds(problem.layout(chosen)):
+        known = None
     for _ in range(steps):
-        sums = problem.sums(model, chosen)
+        sums, known = known or problem.sums(model, chosen), None
         joint = scored(problem, sums, model, chosen)
         model, far = moved(joint, problem)
         if far < SETTLED:

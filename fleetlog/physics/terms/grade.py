@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from fleetlog.core.arrays import distinct
 from fleetlog.physics.term import GRAVITY, Floats, Motion, Parameter, Term, Truck, Values, total_mass
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
     """F = m g sin(theta) [N], theta the map's slope along the motion plus what was found (``slope``: tan
     theta)."""
-    theta = motion.slope + np.arctan(values.get("slope", 0.0))
+    theta = distinct(motion.slope) + np.arctan(values.get("slope", 0.0))
     return total_mass(motion, truck) * GRAVITY * np.sin(theta)
 
 

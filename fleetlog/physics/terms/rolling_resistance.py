@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from fleetlog.core.arrays import distinct
 from fleetlog.physics.term import GRAVITY, Floats, Motion, Parameter, Term, Truck, Values, total_mass
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
     """F = f m g cos(theta) while rolling, 0 at rest [N]. f is about 0.006 to 0.02 for tyres on asphalt or
     concrete, 0.012 to 0.025 for superelastic tyres; independent of speed below some 10 m/s."""
-    pressed = total_mass(motion, truck) * GRAVITY * np.cos(motion.slope)
+    pressed = total_mass(motion, truck) * GRAVITY * np.cos(distinct(motion.slope))
     return np.where(motion.speed > 0.0, truck.resistance.rolling * pressed, 0.0)
 
 

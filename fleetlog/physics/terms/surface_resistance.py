@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fleetlog.core.arrays import distinct
 from fleetlog.physics.term import GRAVITY, Floats, Motion, Parameter, Term, Truck, Values, total_mass
 
 
@@ -13,7 +14,7 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
     gravel, 4 on loose ground (worn and loose against new asphalt-concrete: Carvill, Mechanical Engineer's
     Data Handbook).
     """
-    pressed = total_mass(motion, truck) * GRAVITY * np.cos(motion.slope)
+    pressed = total_mass(motion, truck) * GRAVITY * np.cos(distinct(motion.slope))
     extra = (np.asarray(values.get("factor", 1.0)) - 1.0) * truck.resistance.rolling
     return np.where(motion.speed > 0.0, extra * pressed, 0.0)
 
