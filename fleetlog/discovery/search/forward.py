@@ -285,17 +285,32 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
 
 
 def _pruned(problem: Problem, found: Search) -> Search:
-    """Drop what is not needed beside the rest, or has come to an implausible number beside it."""
-    while len(found.joint.chosen) > 1:
-        shorter = [_without(problem, found.joint, h) for h in found.joint.chosen]
-        best = min(shorter, key=lambda j: j.score)
-        bound = [
-            j for j, h in zip(shorter, found.joint.chosen, strict=True) if _on_bound(problem, found.joint, h)
-        ]
+    """Drop what is not needed beside the rest, or has come to an implausible number beside it: a number of
+    two, or the whole."""
+    while len(found.joint.chosen) > 1 or any(_parts(h) for h in found.joint.chosen):
+        shorter = {h: _shorter(problem, found, h) for h in found.joint.chosen}
+        best = min(shorter.values(), key=lambda j: j.score)
+        bound = [j for h, j in shorter.items() if _on_bound(problem, found.joint, h)]
         if best.score - found.joint.score > problem.settings.evidence and not bound:
             break
         found.joint = min(bound or [best], key=lambda j: j.score)
     return found
+
+
+def _parts(h: Hypothesis) -> list[Hypothesis]:
+    """The single numbers of a pair that may stand alone."""
+    alone = len(h.knobs) > 1 and h.physics is not None and not h.physics.vector
+    return [replace(h, knobs=(k,)) for k in h.knobs] if alone else []
+
+
+def _shorter(problem: Problem, found: Search, h: Hypothesis) -> Joint:
+    """The best fit without a hypothesis, or with one number of it alone that is plausible."""
+    tried = [_without(problem, found.joint, h)] if len(found.joint.chosen) > 1 else []
+    for part in _parts(h):
+        found.rivals[part.kind] = found.rivals.get(h.kind, [])
+        left = refit(problem, found.joint.without(h), [part if c is h else c for c in found.joint.chosen], 2)
+        tried += [left] if not tried or not _on_bound(problem, left, part) else []
+    return min(tried, key=lambda j: j.score)
 
 
 def _without(problem: Problem, joint: Joint, dropped: Hypothesis) -> Joint:
