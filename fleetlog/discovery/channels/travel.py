@@ -154,24 +154,26 @@ class TravelChannel(Channel):
         truck with another in its way waits there as well: of such passages only the standing counts."""
         n = len(self.lanes)
         passed, stops, seconds, squares = np.zeros((4, n))
+        both = np.zeros(len(self.roads))  # What holds up one direction of a road often holds up the other
         cells = [self.lanes.at(u.own.motion)[0].astype(np.int64) for u in made]
-        for u, cell in zip(made, cells, strict=True):
+        places = [self.roads.at(u.own.motion)[0].astype(np.int64) for u in made]
+        for u, cell, place in zip(made, cells, places, strict=True):
             seen = ((u.whole | u.own.apart) & (self.split.fold(u.windows) != HELD_OUT))[u.own.of]
-            begin = np.append(True, np.diff(cell) != 0)
+            begin = (np.diff(cell, prepend=-1) != 0) & u.own.inside  # Whoever sets off there has not passed
             passed += np.bincount(cell[seen & begin], minlength=n)
             wait = np.where(seen, u.own.standing, 0.0)
             stops += np.bincount(cell[wait > 0.0], minlength=n)
+            both += np.bincount(place[wait > 0.0], minlength=len(both))
             seconds += np.bincount(cell, wait, n)
             squares += np.bincount(cell, wait**2, n)
         stood = np.maximum(stops, 1.0)
         passed, usual = np.maximum(passed, stood), seconds / stood
         off = squares - seconds**2 / passed + (SCATTER * usual) ** 2
-        scatter = np.where(stops >= FEW, off / passed, 0.0)
+        scatter = off / passed
         out = []
-        for u, cell in zip(made, cells, strict=True):
-            noise = np.zeros(len(u.recorded))
-            np.maximum.at(noise, u.own.of, scatter[cell])
-            waits = stops[cell] >= FEW
+        for u, cell, place in zip(made, cells, places, strict=True):
+            noise, waits = np.zeros(len(u.recorded)), both[place] >= FEW
+            np.maximum.at(noise, u.own.of, np.where(waits, scatter[cell], 0.0))
             path = replace(u.own, share=np.where(waits, u.own.share, 0.0))
             apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
             recorded = np.where(apart, u.level + path.summed(path.standing), u.recorded)
