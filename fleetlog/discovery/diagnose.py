@@ -23,13 +23,6 @@ from fleetlog.errors import DataError, nearest
 from fleetlog.physics.power import all_terms
 from fleetlog.store import Dataset
 
-HANDED_OVER = 500_000
-"""Channels of a recording of so many rows at most are explained at the same time.
-
-What is known of a larger one would take as long to hand over as it takes memory: its channels are explained
-one after the other.
-"""
-
 
 @dataclass
 class Diagnosis:
@@ -76,7 +69,7 @@ def diagnose(
     progress("sensors")
     fleet, faults = examine(fleet, split, tuple(terms))
     names = list(present(fleet, channels))
-    engine = engines.current() if fleet.rows <= HANDED_OVER else engines.Engine()
+    engine = engines.Engine() if fleet.large else engines.current()
     work = partial(_explained, fleet, split, base, settings, tuple(terms))
     explained: dict[str, Explained] = {}
     with closing(engine.run(work, names)) as found:

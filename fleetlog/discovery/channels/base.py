@@ -17,6 +17,7 @@ from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, Free
 from fleetlog.discovery.model import Knob, Model, Scope
 from fleetlog.discovery.recording.blocks import Windows, picked, stacked
 from fleetlog.discovery.recording.fleet import Fleet
+from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import Split
 from fleetlog.physics.term import Term
 
@@ -73,7 +74,7 @@ class Channel(ABC):
     errors: list[ErrorSource] = field(default_factory=list, init=False)  # What sampling hides
     notes: list[str] = field(default_factory=list, init=False)
     """What a reader should know of what the recording hides from the channel."""
-    _kept: list[Unit] = field(default_factory=list, init=False)
+    _kept: Shelf[Unit] | None = field(default=None, init=False)
     _passes: dict[str, Ints] = field(default_factory=dict, init=False)
 
     @abstractmethod
@@ -132,7 +133,9 @@ class Channel(ABC):
             if len(part.windows):
                 by_vehicle.setdefault(int(part.windows.vehicle[0]), []).append(part)
         drawn = copy(self)
-        drawn._kept, drawn._passes = [self._joined(parts) for parts in by_vehicle.values()], {}
+        drawn._kept, drawn._passes = Shelf(on_disk=False), {}
+        for parts in by_vehicle.values():
+            drawn._kept.add(self._joined(parts))
         return drawn
 
     def _joined(self, parts: list[Unit]) -> Unit:

@@ -13,6 +13,7 @@ from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, charge_curves, energy_curves
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Block, Cut, cut
+from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.battery import CHARGING
@@ -51,11 +52,12 @@ class EnergyChannel(Channel):
         self.by_place = self.places is not None and not self.measured
 
     def units(self) -> Iterator[Unit]:
-        """Yield blocks with their windows; they stay in memory where the recording is small."""
-        made = self._kept or (self._unit(block) for block in self.fleet.each_block())
-        if self.fleet.rows <= self.fleet.most_in_memory:
-            made = self._kept = list(made)
-        yield from made
+        """Yield blocks with their windows."""
+        if self._kept is None:
+            self._kept = Shelf(self.fleet.large)
+            for block in self.fleet.each_block():
+                self._kept.add(self._unit(block))
+        yield from self._kept
 
     def _unit(self, block: Block) -> Unit:
         if self.measured:
@@ -99,7 +101,7 @@ class EnergyChannel(Channel):
             motion, seen = replace(self, measured=False), self._looked_at(split, settings)
             told = learn(self, motion, seen, hidden, settings.evidence)
             if told.share > 0.5:
-                self.between, self.steady, self._kept = told, False, []
+                self.between, self.steady, self._kept = told, False, None
         # Power that is measured at moments errs more by chance than what is told from the motion.
         alike = (0.5 if self.measured and self.between is None else 1.0) * settings.alike
         self.model_error = max(settings.model_error, alike * hidden)

@@ -3,8 +3,6 @@ what other trucks cost: time on stretches where one was in the way, over what th
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -18,6 +16,7 @@ from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.recording.blocks import TRIP, Windows, by_window, narrow, picked, stacked
 from fleetlog.discovery.recording.conflicts import Route, hindered, on_road, routes
 from fleetlog.discovery.recording.fleet import Fleet
+from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.recording.turns import measure
 from fleetlog.physics.motion import legs
@@ -114,15 +113,14 @@ class Day:
 
 def days(fleet: Fleet, split: Split) -> Iterator[Day]:
     """Yield what every vehicle drove, its turns as they are driven where nobody is in the way."""
-    out: list[Day] = []
-    placed = [r for r in routes(fleet) if not all((leg.path.edge < 0).all() for leg in r.legs)]
-    for _, group in groupby(sorted(placed, key=attrgetter("day")), key=attrgetter("day")):
-        out += _group(list(group), fleet)
+    out: Shelf[Day] = Shelf(fleet.large)
+    for date in fleet.dates:
+        placed = [r for r in routes(fleet, date) if not all((leg.path.edge < 0).all() for leg in r.legs)]
+        for day in _group(placed, fleet) if placed else ():
+            out.add(day)
     turns = measure(_undisturbed(out, fleet, split), fleet.truck)
-    out.reverse()
-    while out:  # What is taken away takes no more room.
-        d = out.pop()
-        yield replace(d, drives=tuple(replace(v, leg=turns.on(v.leg)) for v in d.drives))
+    for day in out:
+        yield replace(day, drives=tuple(replace(v, leg=turns.on(v.leg)) for v in day.drives))
 
 
 def _group(group: list[Route], fleet: Fleet) -> list[Day]:
@@ -130,7 +128,7 @@ def _group(group: list[Route], fleet: Fleet) -> list[Day]:
     group = [replace(r, legs=tuple(leg for leg, _ in p)) for r, p in zip(group, placed, strict=True)]
     flags = hindered(group, [free_speed(r.nodes("edge"), fleet) for r in group], fleet.truck)
     return [
-        Day(r, tuple(_drives(r, *f, np.concatenate([a for _, a in p]))))
+        Day(replace(r, legs=()), tuple(_drives(r, *f, np.concatenate([a for _, a in p]))))
         for r, f, p in zip(group, flags, placed, strict=True)
     ]
 
@@ -159,7 +157,7 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]
         first = k + 1
 
 
-def _undisturbed(found: list[Day], fleet: Fleet, split: Split) -> Iterator[tuple[Leg, Floats, Mask]]:
+def _undisturbed(found: Shelf[Day], fleet: Fleet, split: Split) -> Iterator[tuple[Leg, Floats, Mask]]:
     """Legs with their free speeds and the nodes that the search may look at."""
     for d in found:
         for v in d.drives:

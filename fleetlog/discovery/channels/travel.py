@@ -7,13 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import About, Channel, Unit
 from fleetlog.discovery.channels.paths import Day, Lost, Path, days, lay_out, lost_time
 from fleetlog.discovery.hypotheses import sources
 from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
 from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
 from fleetlog.discovery.model import Model
+from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.motion.legs import quickest
@@ -143,21 +144,25 @@ class TravelChannel(Channel):
         self.place_error = GATHERS * self.model_error
 
     def units(self) -> Iterator[Unit]:
-        """Yield vehicle-days; their paths are small and stay in memory."""
-        if not self._kept:
-            made = (self._unit(day) for day in days(self.fleet, self.split))
-            self._kept = self._with_stands([u for u in made if u is not None])
+        """Yield vehicle-days."""
+        if self._kept is None:
+            made: Shelf[Unit] = Shelf(self.fleet.large)
+            for day in days(self.fleet, self.split):
+                if (unit := self._unit(day)) is not None:
+                    made.add(unit)
+            self._kept = Shelf(self.fleet.large)
+            for unit in self._with_stands(made):
+                self._kept.add(unit)
         yield from self._kept
 
-    def _with_stands(self, made: list[Unit]) -> list[Unit]:
+    def _with_stands(self, made: Shelf[Unit]) -> Iterator[Unit]:
         """The units, told where trucks stood for no purpose: only there they waited, and times scatter so. A
         truck with another in its way waits there as well: of such passages only the standing counts."""
         n = len(self.lanes)
         passed, stops, seconds, squares = np.zeros((4, n))
         both = np.zeros(len(self.roads))  # What holds up one direction of a road often holds up the other
-        cells = [self.lanes.at(u.own.motion)[0].astype(np.int64) for u in made]
-        places = [self.roads.at(u.own.motion)[0].astype(np.int64) for u in made]
-        for u, cell, place in zip(made, cells, places, strict=True):
+        for u in made:
+            cell, place = self._cells(u)
             seen = ((u.whole | u.own.apart) & (self.split.fold(u.windows) != HELD_OUT))[u.own.of]
             begin = (np.diff(cell, prepend=-1) != 0) & u.own.inside  # Whoever sets off there has not passed
             passed += np.bincount(cell[seen & begin], minlength=n)
@@ -170,15 +175,19 @@ class TravelChannel(Channel):
         passed, usual = np.maximum(passed, stood), seconds / stood
         off = squares - seconds**2 / passed + (SCATTER * usual) ** 2
         scatter = off / passed
-        out = []
-        for u, cell, place in zip(made, cells, places, strict=True):
+        for u in made:
+            cell, place = self._cells(u)
             noise, waits = np.zeros(len(u.recorded)), both[place] >= FEW
             np.maximum.at(noise, u.own.of, np.where(waits, scatter[cell], 0.0))
             path = replace(u.own, share=np.where(waits, u.own.share, 0.0))
             apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
             recorded = np.where(apart, u.level + path.summed(path.standing), u.recorded)
-            out.append(replace(u, own=path, noise=noise, recorded=recorded, whole=u.whole | apart))
-        return out
+            yield replace(u, own=path, noise=noise, recorded=recorded, whole=u.whole | apart)
+
+    def _cells(self, unit: Unit) -> tuple[Ints, Ints]:
+        """The stretch of a lane, and of a road, that every node is on, (G,)."""
+        lane, road = (cells.at(unit.own.motion)[0].astype(np.int64) for cells in (self.lanes, self.roads))
+        return lane, road
 
     def _unit(self, day: Day) -> Unit | None:
         found = lay_out(day, self.fleet, self.lanes, self.settings.stretch)

@@ -91,9 +91,9 @@ class Route:
         return np.arctan2(y[ahead] - y[behind], x[ahead] - x[behind])
 
 
-def routes(fleet: Fleet) -> list[Route]:
-    """Return the routes of all vehicle-days."""
-    return [r for r in (_route(b) for b in fleet.each_block()) if r is not None]
+def routes(fleet: Fleet, date: int) -> list[Route]:
+    """Return the routes of all vehicles on a day, counted from 1970."""
+    return [r for r in (_route(b) for b in fleet.each_block(date)) if r is not None]
 
 
 def _route(block: Block) -> Route | None:

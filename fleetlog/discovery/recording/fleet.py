@@ -13,6 +13,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.recording.blocks import DAY, TRIP, Block, block
+from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import trips_apart
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels
@@ -27,6 +28,7 @@ COLUMNS = (
 
 SELDOM, SEVERAL = 5.0, 2.5
 """Seconds and rows between updates of positions from which on these are too few to hold a speed against."""
+LARGE = 500_000  # Rows whose motion is kept in memory, 600 bytes each, and given to other processes
 FEWEST_ROWS = 8  # A shorter vehicle-day says nothing
 
 
@@ -55,18 +57,30 @@ class Fleet:
         """Whether any vehicle-day knows the column."""
         return any(t.has(column) for _, t in self.days)
 
-    most_in_memory: int = 1_500_000
-    """Rows whose motion is kept between the passes, 250 bytes each; of more it is made anew."""
-    _blocks: dict[tuple[int, int], Block] = field(default_factory=dict, init=False, repr=False)
+    _kept: dict[int, int] = field(default_factory=dict, init=False, repr=False)
+    """Where the motion of a vehicle-day is on the shelf, by its number."""
 
-    def each_block(self) -> Iterator[Block]:
-        """Yield all vehicle-days as finely stepped motion, the same for all who ask."""
-        for vehicle, trajectory in self.days:
-            key = vehicle, int(trajectory.time[0])
-            found = self._blocks.get(key) or self.block(vehicle, trajectory)
-            if self.rows <= self.most_in_memory:
-                self._blocks[key] = replace(found, fresh=None)  # It can be made anew.
+    @property
+    def large(self) -> bool:
+        """Whether what is made of its rows has no room in memory."""
+        return self.rows > LARGE
+
+    def each_block(self, date: int | None = None) -> Iterator[Block]:
+        """Yield all vehicle-days, or those of a ``date`` (days since 1970), as finely stepped motion."""
+        for k, (vehicle, trajectory) in enumerate(self.days):
+            if date is not None and trajectory.time[0] // DAY != date:
+                continue
+            if k in self._kept:
+                yield self._shelf[self._kept[k]]
+                continue
+            found = self.block(vehicle, trajectory)
+            self._kept[k] = len(self._shelf)
+            self._shelf.add(replace(found, fresh=None))  # It can be made anew.
             yield found
+
+    @cached_property
+    def _shelf(self) -> Shelf[Block]:
+        return Shelf(self.large)
 
     def block(self, vehicle: int, trajectory: Trajectory) -> Block:
         """Return one vehicle-day."""
