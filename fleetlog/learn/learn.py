@@ -114,11 +114,9 @@ def _speed(histogram: Ints) -> float:
 
 def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
     """Width [m] of the floor that trucks' middles cover, or twice the gap between both directions' lines."""
-    fit = found.fits[edge]
-    spread = np.sqrt(np.maximum(fit.spread**2 - noise**2, 0.0))
-    apart = float(abs(fit.left[0] - fit.left[1])) if both else 0.0
-    covered = apart + 4.0 * float(spread.max() if both else spread[0 if found.forth[edge] else 1])
-    return round(max(covered, 2.0 * apart, 1.0), 2)
+    fit, forth = found.fits[edge], bool(found.forth[edge])
+    apart = float(np.ptp(fit.left)) if both else 0.0
+    return round(max(fit.covered(np.array([both or forth, both or not forth]), noise), 2.0 * apart, 1.0), 2)
 
 
 def road_table(network: Network, found: Roads) -> pd.DataFrame:
