@@ -10,17 +10,16 @@ import numpy as np
 
 from fleetlog.core import schema
 from fleetlog.core.arrays import Floats
-from fleetlog.core.files import open_regular
+from fleetlog.core.files import read_head
 from fleetlog.core.network import Edge, LoadReport, Network, build_network, distance_to_segment
 from fleetlog.core.site import FARTHEST, Building, Frame, Place, Site, Zone, crs, frame_of_crs, map_frames
 from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
-from fleetlog.roads.formats.base import Inverse, MapOptions, Reader, RoadMap, at
+from fleetlog.roads.formats.base import MOST_VERTICES, Inverse, MapOptions, Reader, RoadMap, at
 from fleetlog.store.documents import digest as sha256
 
 HEAD = 4096  # bytes that a format is recognised by
-MOST_EDGES, MOST_VERTICES, LONGEST = 2_000_000, 20_000_000, 200_000.0
-"""A map with more edges, more vertices, or an edge longer than this [m] is not that of a site."""
+MOST_EDGES, LONGEST = 2_000_000, 200_000.0  # a site has no more edges, and none that is longer [m]
 OFF_ROADS = 10.0  # a place farther than this [m] from every road gets a warning
 metres = schema.real(-FARTHEST, FARTHEST)
 
@@ -104,12 +103,11 @@ def readers() -> dict[str, Reader]:
 
 
 def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
-    """The roads of a map file in its own coordinates; the format is recognised by content, then by suffix."""
-    with open_regular(path, SiteError) as stream:
-        head = stream.read(HEAD)
-    if not head.strip():
+    """The roads of a map file, packed with gzip or not, in its own coordinates; the format is recognised by
+    content, then by suffix."""
+    if not (head := read_head(path, HEAD, SiteError)).strip():
         raise SiteError("the file is empty", where=path, do="give a map")
-    suffix, known = path.suffix.lower(), readers().values()
+    suffix, known = Path(path.name.lower().removesuffix(".gz")).suffix, readers().values()
     found = [r for r in known if r.knows(head)] or [r for r in known if suffix in r.suffixes]
     if not found:
         suffixes = ", ".join(sorted({s for r in known for s in r.suffixes}))

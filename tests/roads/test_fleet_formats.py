@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,31 @@ def test_a_building_without_measurements_has_no_scale(tmp_path):
 def test_a_broken_graph_is_one_clear_line(tmp_path, text):
     with pytest.raises(SiteError):
         site(tmp_path, "0.yaml", text)
+
+
+NET = """<net version="1.20"><location netOffset="0,0" projParameter="!"/>
+<edge id="a" from="1" to="2"><lane id="a_0" index="0" speed="5" length="10" shape="0,0 10,0"/></edge>
+<edge id="b" from="2" to="3"><lane id="b_0" index="0" speed="5" length="10" shape="10,0 10,10"/></edge>
+<connection from="a" to="b" fromLane="0" toLane="0" dir="l" state="M"/></net>"""
+
+
+def test_a_packed_network_of_sumo_is_the_unpacked_one(tmp_path):
+    plain, _ = site(tmp_path, "m.net.xml", NET)
+    for name in ("m.net.xml.gz", "packed.net.xml"):
+        (tmp_path / name).write_bytes(gzip.compress(NET.encode()))
+        packed, _ = load_site(tmp_path / name)
+        assert packed.roads().edge_ids == plain.roads().edge_ids == ("a", "b")
+        assert np.array_equal(packed.roads().points, plain.roads().points)
+
+
+@pytest.mark.parametrize("data", [gzip.compress(NET.encode())[:-20], b"\x1f\x8b" + bytes(50), b"\x1f\x8b"])
+def test_a_damaged_packed_map_is_one_clear_line(tmp_path, data):
+    (tmp_path / "m.net.xml.gz").write_bytes(data)
+    with pytest.raises(SiteError, match="damaged gzip file"):
+        load_site(tmp_path / "m.net.xml.gz")
+
+
+def test_a_packed_map_that_unpacks_without_end_is_refused(tmp_path):
+    (tmp_path / "m.net.xml.gz").write_bytes(gzip.compress(NET.encode() + bytes(300 << 20), 1))
+    with pytest.raises(SiteError, match="larger than 256 MB"):
+        load_site(tmp_path / "m.net.xml.gz")

@@ -118,6 +118,7 @@ def spot(x: Any, y: Any, place: str, z: Any = 0.0) -> Floats:
 
 
 HUGE = 1e9  # no coordinate, coefficient or count of a map is larger
+MOST_VERTICES = 20_000_000  # vertices of all roads of a map
 
 
 def number(text: Any, place: str | None = None) -> float:

@@ -23,7 +23,9 @@ from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats._odr_links import connect
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, parse_road
-from fleetlog.roads.formats.base import HUGE, Inverse, MapOptions, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import (
+    HUGE, MOST_VERTICES, Inverse, MapOptions, Reader, RoadMap, Tally, at, number,
+)  # fmt: skip
 
 DRIVEN = frozenset({
     "driving", "bidirectional", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane",
@@ -73,13 +75,18 @@ def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
 
 def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> None:
     skipped: dict[str, float] = defaultdict(float)
-    default = "LHT" if options.traffic == "left" else "RHT"
+    default, vertices = "LHT" if options.traffic == "left" else "RHT", 0
     driven = options.lane_types or DRIVEN
     for road in roads.values():
-        edges = [*_lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped)]
-        if not all((np.abs(edge.points) <= HUGE).all() for edge in edges):
-            raise SiteError("its lanes lie beyond the earth", place=f"road {road.id}", do="correct the map")
-        tally.edges += edges
+        for edge in _lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped):
+            tally.edges.append(edge)
+            vertices += len(edge.points)
+            if vertices > MOST_VERTICES:
+                raise SiteError(f"needs more than {MOST_VERTICES:,} vertices", do="cut the map to the site")
+            if not (np.abs(edge.points) <= HUGE).all():
+                raise SiteError(
+                    "its lanes lie beyond the earth", place=f"road {road.id}", do="correct the map"
+                )
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))
         tally.notes.append(f"length of the lanes that are left out, by type: {parts}")
