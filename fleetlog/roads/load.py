@@ -135,8 +135,11 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     if "network" not in data:
         return site, []
     settings = schema.table(data["network"], NETWORK, path, "network", ("file",), SiteError)
-    chosen = (frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes"))
-    return _with_map(site, _map_file(settings["file"], path), MapOptions(settings.get("traffic"), *chosen))
+    lanes, classes = (
+        frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes")
+    )
+    options = MapOptions(settings.get("traffic"), lanes, classes, site.map_frames)
+    return _with_map(site, _map_file(settings["file"], path), options)
 
 
 def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[LoadReport]]:

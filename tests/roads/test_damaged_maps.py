@@ -38,6 +38,7 @@ MAPS = {
     "map.graphml": GRAPHML.format(**DEGREES, edges='<edge source="1" target="2" id="0"><data key="s">36</data></edge>'),
     "map.osm": OSM.format(oneway="yes", relation=RESTRICTION.format(via="node", rule="no_left_turn")),
     "map.json": json.dumps({"metaInformation": {"lifVersion": "1.0.0"}, "layouts": [LAYOUT]}),
+    "two.json": json.dumps({"origins": [{"originId": "o", "layouts": [LAYOUT]}, {"originId": "p", "layouts": []}]}),
 }  # fmt: skip
 NASTY = [
     "",

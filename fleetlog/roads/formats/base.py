@@ -13,7 +13,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, LoadReport
 from fleetlog.core.schema import shown
-from fleetlog.core.site import Place, PlaceKind
+from fleetlog.core.site import MapFrame, Place, PlaceKind
 from fleetlog.errors import SiteError
 
 Inverse = Callable[[Floats, Floats], tuple[Floats, Floats]]
@@ -29,6 +29,7 @@ class MapOptions:
     traffic: Literal["right", "left"] | None = None
     lane_types: frozenset[str] | None = None  # driven ones of OpenDRIVE
     road_classes: frozenset[str] | None = None  # driven ones (tag highway) of OSM
+    frames: tuple[MapFrame, ...] = ()  # how the map's own frames lie in the site's
 
 
 @dataclass(frozen=True)

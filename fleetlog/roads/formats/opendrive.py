@@ -24,7 +24,15 @@ from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats._odr_links import connect
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, parse_road
 from fleetlog.roads.formats.base import (
-    HUGE, MOST_VERTICES, Inverse, MapOptions, Reader, RoadMap, Tally, at, number,
+    HUGE,
+    MOST_VERTICES,
+    Inverse,
+    MapOptions,
+    Reader,
+    RoadMap,
+    Tally,
+    at,
+    number,
 )  # fmt: skip
 
 DRIVEN = frozenset({
