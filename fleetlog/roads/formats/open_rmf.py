@@ -1,9 +1,11 @@
 """Open-RMF: navigation graphs (``nav_graphs/0.yaml``) and the ``building.yaml`` of its traffic editor.
 
-A navigation graph is in metres, a lane directed.  A building is drawn in pixels, y down: its measurements
-give the scale, and a lane is two-way where it says so.  Several levels are kept in one network, their nodes
-and places named ``LEVEL/...`` where there are more than one.  Chargers, parking spots, dispensers (pick) and
-ingestors (drop) become places.  Source: the tools of github.com/open-rmf/rmf_traffic_editor.
+A navigation graph is in metres.  A building is in metres too, in degrees (wgs84), or drawn in pixels, y down:
+then the measurements of its reference level give the scale, and fiducials lay the other levels over that one.
+Where a reference system is named, the map has its place on earth.  A lane is two-way where it says so.
+Several levels are kept in one network, their nodes and places named ``LEVEL/...`` where there are more than
+one.  Chargers, parking spots, dispensers (pick) and ingestors (drop) become places.  Source: the tools of
+github.com/open-rmf/rmf_traffic_editor.
 """
 
 import math
@@ -15,9 +17,10 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.network import Edge, reversed_edge
-from fleetlog.core.site import PlaceKind
+from fleetlog.core.schema import Wrong
+from fleetlog.core.site import PlaceKind, crs, geographic
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import Inverse, MapOptions, Reader, RoadMap, Tally, at, number
 
 Level = dict[str, Any]
 
@@ -28,20 +31,34 @@ MARKS: tuple[tuple[str, PlaceKind], ...] = (
 
 
 def _read(path: Path, options: MapOptions) -> RoadMap:
-    levels, tally = _levels(path), Tally()
-    for name, level in levels.items():
+    top, tally = _document(path), Tally()
+    levels: dict[str, Level] = {str(k): v for k, v in top["levels"].items()}
+    drawn = any(len(row) > 3 for level in levels.values() for row in _rows(level, "vertices", 2))
+    system = str(top.get("coordinate_system", "reference_image" if drawn else "cartesian_meters"))
+    if system not in ("reference_image", "cartesian_meters", "wgs84"):
+        do = "save it in the traffic editor as wgs84 or cartesian_meters"
+        raise SiteError(f"coordinates of the system {system!r} are not read", do=do)
+    lie = _overlaid(levels, top) if system == "reference_image" else {}
+    spots: list[Floats] = []
+    for name, level in ((k, v) for k, v in levels.items() if v.get("lanes")):
         front = f"{name}/" if len(levels) > 1 else ""
         with at(f"level {name}"):
-            spots, words = _vertices(level)
-        _add_lanes(level, spots, front, tally)
-        for k, (spot, said) in enumerate(zip(spots, words, strict=True)):
+            rows = _rows(level, "vertices", 2)
+            flat = _placed(rows, *lie[name]) if name in lie else np.array([_spot(row) for row in rows])
+            spots.append(np.column_stack([flat.reshape(-1, 2), np.zeros(len(rows))]))
+        # a millimetre, in metres or in degrees
+        _add_lanes(level, spots[-1], front, tally, 1e-8 if system == "wgs84" else 1e-3)
+        for k, row in enumerate(rows):
+            said = {"name": row[3], **_options(row)} if len(row) > 3 else _options(row)
             if kind := next((kind for mark, kind in MARKS if said.get(mark)), None):
-                tally.stop(f"{front}{said.get('name') or k}", kind, spot)
+                tally.stop(f"{front}{said.get('name') or k}", kind, spots[-1][k])
     nothing, do = f"no lane in it: {len(levels)} levels", "export it with its lanes"
-    return tally.road_map("Open-RMF", nothing, do, has_elevation=False)
+    earth = None if system != "cartesian_meters" else _earth(top, np.concatenate([*spots, np.zeros((0, 3))]))
+    more: dict[str, Any] = {"geographic": system == "wgs84", "geographic_of": earth}
+    return tally.road_map("Open-RMF", nothing, do, has_elevation=False, **more)
 
 
-def _levels(path: Path) -> dict[str, Level]:
+def _document(path: Path) -> dict[str, Any]:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
@@ -51,9 +68,66 @@ def _levels(path: Path) -> dict[str, Level]:
         text = " ".join(str(error).split())[:120]
         raise SiteError(f"not readable as YAML: {text}", do="correct the file") from None
     levels = data.get("levels") if isinstance(data, dict) else None
-    if not isinstance(levels, dict) or not all(isinstance(v, dict) for v in levels.values()):
+    if not levels or not isinstance(levels, dict) or not all(isinstance(v, dict) for v in levels.values()):
         raise SiteError("has no levels", do="give a navigation graph or a building of Open-RMF")
-    return {str(k): v for k, v in levels.items()}
+    return dict(data)
+
+
+def _earth(top: dict[str, Any], spots: Floats) -> Inverse | None:
+    """Where on earth metres lie: a navigation graph says ``crs_name`` and ``offset``, a building
+    ``generate_crs``. Some tools write coordinates with the offset in them, and some without it: those
+    with it are nearer to it than to zero."""
+    said = _options([top.get("parameters")])
+    name, shift = top.get("crs_name") or said.get("generate_crs"), top.get("offset") or [0.0, 0.0]
+    if not name:
+        return None
+    if not isinstance(shift, list) or len(shift) != 2:
+        raise SiteError("is not [x, y]", place="offset", do="correct the file")
+    try:
+        crs(name)
+    except Wrong as error:
+        raise SiteError(str(error), place="crs_name", do="correct the file") from None
+    east, north = (number(v, "offset") for v in shift)
+    middle = np.median(spots[:, :2], axis=0) if len(spots) else np.zeros(2)
+    if np.hypot(*(middle - [east, north])) < np.hypot(*middle):
+        east = north = 0.0
+    return lambda x, y: geographic(str(name), x + east, y + north)
+
+
+def _overlaid(levels: dict[str, Level], top: dict[str, Any]) -> dict[str, tuple[complex, complex]]:
+    """How the pixels of each level with lanes lie in metres, as factor and shift of complex numbers."""
+    base = str(top.get("reference_level_name", next(iter(levels))))
+    if base not in levels:
+        raise SiteError(f"there is no level {base!r}", place="reference_level_name", do="correct the file")
+    marks: dict[str, dict[str, complex]] = {}
+    out = {}
+    for name in [base, *(name for name, level in levels.items() if level.get("lanes") and name != base)]:
+        with at(f"level {name}"):
+            rows = _rows(levels[name], "fiducials", 3)
+            marks[name] = {str(row[2]): complex(*_spot(row)).conjugate() for row in rows}
+            if name == base:
+                out[name] = complex(_scale(levels[name])), 0j
+                continue
+            both = sorted(marks[name].keys() & marks[base].keys())
+            mine, there = (np.array([marks[level][mark] for mark in both]) for level in (name, base))
+            if len(np.unique(mine)) < 2 or len(np.unique(there)) < 2:
+                what = f"has no two fiducials in common with level {base}, so how it lies over it is unknown"
+                raise SiteError(what, do="mark the same two spots on both in the traffic editor")
+            # the similarity that fits best
+            around, metres = mine - mine.mean(), there * out[base][0]
+            factor = complex(np.vdot(around, metres - metres.mean()) / np.vdot(around, around))
+            out[name] = factor, complex(metres.mean() - factor * mine.mean())
+    return out
+
+
+def _placed(rows: list[list[Any]], factor: complex, shift: complex) -> Floats:
+    """(n, 2) metres of the pixels of a drawing, whose y runs down."""
+    metres = factor * np.array([complex(*_spot(row)).conjugate() for row in rows]) + shift
+    return np.column_stack([metres.real, metres.imag])
+
+
+def _spot(row: list[Any]) -> tuple[float, float]:
+    return number(row[0]), number(row[1])
 
 
 def _rows(level: Level, key: str, least: int) -> list[list[Any]]:
@@ -69,22 +143,12 @@ def _options(row: list[Any]) -> dict[str, Any]:
     return {str(k): v[1] if isinstance(v, list) and len(v) == 2 else v for k, v in last.items()}
 
 
-def _vertices(level: Level) -> tuple[Floats, list[dict[str, Any]]]:
-    """Positions [m] and what is said of each vertex."""
-    rows = _rows(level, "vertices", 2)
-    spots = np.array([[number(r[0]), number(r[1]), 0.0] for r in rows]).reshape(-1, 3)
-    words = [{"name": r[3], **_options(r)} if len(r) > 3 else _options(r) for r in rows]
-    if "drawing" not in level and "measurements" not in level:
-        return spots, words
-    return spots * [1.0, -1.0, 1.0] * _scale(level, spots), words
-
-
-def _scale(level: Level, spots: Floats) -> float:
+def _scale(level: Level) -> float:
     """Metres a pixel: the mean over the measured lines."""
-    rows = _rows(level, "measurements", 3)
-    ends = np.array([[_index(v, len(spots)) for v in row[:2]] for row in rows], int).reshape(-1, 2)
+    rows, spots = _rows(level, "measurements", 3), [_spot(r) for r in _rows(level, "vertices", 2)]
+    ends = [[spots[_index(v, len(spots))] for v in row[:2]] for row in rows]
     metres = np.array([number(_options(row).get("distance")) for row in rows])
-    pixels = np.linalg.norm(spots[ends[:, 0]] - spots[ends[:, 1]], axis=1)
+    pixels = np.array([math.dist(a, b) for a, b in ends])
     scale = float(np.mean(metres[pixels > 0.0] / pixels[pixels > 0.0])) if pixels.any() else 0.0
     if not scale > 0.0:
         do = "measure a line in the traffic editor"
@@ -98,7 +162,7 @@ def _index(value: Any, count: int) -> int:
     return value
 
 
-def _add_lanes(level: Level, spots: Floats, front: str, tally: Tally) -> None:
+def _add_lanes(level: Level, spots: Floats, front: str, tally: Tally, shortest: float) -> None:
     seen: set[str] = set()
     for k, row in enumerate(_rows(level, "lanes", 2)):
         said = _options(row)
@@ -109,8 +173,10 @@ def _add_lanes(level: Level, spots: Floats, front: str, tally: Tally) -> None:
         road = f"{front}{low}-{high}"
         edge = Edge(road, f"{front}{low}", f"{front}{high}", spots[[low, high]], road, limit or math.nan)
         drawn, against = (edge, reversed_edge(edge)) if a < b else (reversed_edge(edge), edge)
-        both = (drawn, against) if said.get("bidirectional") is True else (drawn,)
-        tally.keep(*(e for e in both if e.id not in seen), shortest=1e-3)
+        # buildings say the one, navigation graphs the other
+        two_way = any(said.get(key) is True for key in ("bidirectional", "is_bidirectional"))
+        both = (drawn, against) if two_way else (drawn,)
+        tally.keep(*(e for e in both if e.id not in seen), shortest=shortest)
         seen |= {e.id for e in both}
 
 
