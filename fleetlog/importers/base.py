@@ -1,8 +1,7 @@
 """What every log format gives: batches of rows in SI units, and a report of what was read.
 
 A format is one module of this package that holds ``IMPORTER``, an :class:`Importer`.  It turns a file into
-:class:`RawBatch` es; cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s.
-"""
+:class:`RawBatch` es; cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field

@@ -4,8 +4,7 @@ Edges are directed and keep their ids, for VDA 5050 logs name them.  A ``traject
 its line, else it is straight.  Stations become places where a node's actions tell their kind.  Several
 layouts are kept in one network; a transition between floors is an edge.  Version 2 groups layouts by the
 origin of their coordinates: a [[map_frame]] of the site called as an origin says where it lies.  Source:
-VDMA, LIF 1.0.0 (March 2024) and 2.0.0 (2026) with its examples, section 8.3.
-"""
+VDMA, LIF 1.0.0 (March 2024) and 2.0.0 (2026) with its examples, section 8.3."""
 
 import math
 from collections import defaultdict

@@ -5,8 +5,7 @@ then the measurements of its reference level give the scale, and fiducials lay t
 Where a reference system is named, the map has its place on earth.  A lane is two-way where it says so.
 Several levels are kept in one network, their nodes and places named ``LEVEL/...`` where there are more than
 one.  Chargers, parking spots, dispensers (pick) and ingestors (drop) become places.  Source: the tools of
-github.com/open-rmf/rmf_traffic_editor.
-"""
+github.com/open-rmf/rmf_traffic_editor."""
 
 import math
 from pathlib import Path
