@@ -158,7 +158,7 @@ WRONG = {
     "web_mercator": (WGS84.replace("wgs84", "web_mercator"), "coordinates of the system 'web_mercator' are not read"),
     "reference level": ("reference_level_name: L9\n" + BUILDING, "there is no level 'L9'"),
     "crs": ("crs_name: moon\n" + GRAPH, "no reference system that PROJ knows"),
-    "offset": ("crs_name: EPSG:25832\noffset: 3\n" + GRAPH, "offset: is not"),
+    "offset": ("crs_name: EPSG:25832\noffset: 3\n" + GRAPH, "offset is not"),
     "elsewhere": (WGS84.replace("9.1514", "99.1514"), "span more than a region"),
 }  # fmt: skip
 

@@ -395,7 +395,7 @@ def test_refused_in_one_line(tmp_path, text, why, encoding):
 
 
 def test_many_lanes_of_a_long_road_do_not_fill_memory(write, monkeypatch):
-    monkeypatch.setattr("fleetlog.roads.formats.opendrive.MOST_VERTICES", 5000)
+    monkeypatch.setattr("fleetlog.roads.formats.base.MOST_VERTICES", 5000)
     path = write(straight("1", 0, 1e5, section(0, lane(-1), lane(-2))))
     with pytest.raises(SiteError, match="needs more than 5,000 vertices"):
         load_site(path)

@@ -73,6 +73,7 @@ class Tally:
     dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     idle: int = 0  # stations where nothing is done
+    vertices: int = 0
 
     @property
     def read(self) -> int:
@@ -87,7 +88,15 @@ class Tally:
             self.dropped["without length"] += 1
             return
         self.kept += 1
-        self.edges += edges
+        for edge in edges:
+            self.add(edge)
+
+    def add(self, edge: Edge) -> None:
+        """Take in an edge; :class:`SiteError` beyond the vertices of any site's map."""
+        self.edges.append(edge)
+        self.vertices += len(edge.points)
+        if self.vertices > MOST_VERTICES:
+            raise SiteError(f"needs more than {MOST_VERTICES:,} vertices", do="cut the map to the site")
 
     def stop(self, name: str, kind: PlaceKind | None, spot: Floats) -> None:
         """Take in a station; the first of a name stays, and those where nothing is done are noted."""

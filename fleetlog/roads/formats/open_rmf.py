@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.files import SETTINGS, read_whole
@@ -33,26 +34,26 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     top, tally = _document(path), Tally()
     levels: dict[str, Level] = {str(k): v for k, v in top["levels"].items()}
     drawn = any(len(row) > 3 for level in levels.values() for row in _rows(level, "vertices", 2))
-    system = str(top.get("coordinate_system", "reference_image" if drawn else "cartesian_meters"))
+    system = top.get("coordinate_system", "reference_image" if drawn else "cartesian_meters")
     if system not in ("reference_image", "cartesian_meters", "wgs84"):
         do = "save it in the traffic editor as wgs84 or cartesian_meters"
         raise SiteError(f"coordinates of the system {system!r} are not read", do=do)
-    lie = _overlaid(levels, top) if system == "reference_image" else {}
-    spots: list[Floats] = []
+    pixels = system == "reference_image"
+    lie = _overlaid(levels, top) if pixels else dict.fromkeys(levels, (1.0 + 0j, 0j))
     for name, level in ((k, v) for k, v in levels.items() if v.get("lanes")):
         front = f"{name}/" if len(levels) > 1 else ""
         with at(f"level {name}"):
-            rows = _rows(level, "vertices", 2)
-            flat = _placed(rows, *lie[name]) if name in lie else np.array([_spot(row) for row in rows])
-            spots.append(np.column_stack([flat.reshape(-1, 2), np.zeros(len(rows))]))
-        # a millimetre, in metres or in degrees
-        _add_lanes(level, spots[-1], front, tally, 1e-8 if system == "wgs84" else 1e-3)
+            rows, (factor, shift) = _rows(level, "vertices", 2), lie[name]
+            plane = factor * _plane(rows, pixels) + shift
+        spots = np.column_stack([plane.real, plane.imag, np.zeros(len(rows))])
+        # a millimetre, in degrees or metres
+        _add_lanes(level, spots, front, tally, 1e-8 if system == "wgs84" else 1e-3)
         for k, row in enumerate(rows):
             said = {"name": row[3], **_options(row)} if len(row) > 3 else _options(row)
             if kind := next((kind for mark, kind in MARKS if said.get(mark)), None):
-                tally.stop(f"{front}{said.get('name') or k}", kind, spots[-1][k])
+                tally.stop(f"{front}{said.get('name') or k}", kind, spots[k])
     nothing, do = f"no lane in it: {len(levels)} levels", "export it with its lanes"
-    earth = None if system != "cartesian_meters" else _earth(top, np.concatenate([*spots, np.zeros((0, 3))]))
+    earth = _earth(top, tally.edges) if system == "cartesian_meters" else None
     more: dict[str, Any] = {"geographic": system == "wgs84", "geographic_of": earth}
     return tally.road_map("Open-RMF", nothing, do, has_elevation=False, **more)
 
@@ -72,25 +73,21 @@ def _document(path: Path) -> dict[str, Any]:
     return dict(data)
 
 
-def _earth(top: dict[str, Any], spots: Floats) -> Inverse | None:
+def _earth(top: dict[str, Any], edges: list[Edge]) -> Inverse | None:
     """Where on earth metres lie: a navigation graph says ``crs_name`` and ``offset``, a building
-    ``generate_crs``. Some tools write coordinates with the offset in them, and some without it: those
-    with it are nearer to it than to zero."""
-    said = _options([top.get("parameters")])
-    name, shift = top.get("crs_name") or said.get("generate_crs"), top.get("offset") or [0.0, 0.0]
-    if not name:
+    ``generate_crs``. Of some tools the offset is in the coordinates: they are nearer to it than to zero."""
+    name = top.get("crs_name") or _options([top.get("parameters")]).get("generate_crs")
+    if not name or not edges:
         return None
-    if not isinstance(shift, list) or len(shift) != 2:
-        raise SiteError("is not [x, y]", place="offset", do="correct the file")
+    shift = _rows({"offset": [top.get("offset", [0.0, 0.0])]}, "offset", 2)
+    offset = complex(_plane(shift, False)[0])
     try:
         crs(name)
     except Wrong as error:
         raise SiteError(str(error), place="crs_name", do="correct the file") from None
-    east, north = (number(v, "offset") for v in shift)
-    middle = np.median(spots[:, :2], axis=0) if len(spots) else np.zeros(2)
-    if np.hypot(*(middle - [east, north])) < np.hypot(*middle):
-        east = north = 0.0
-    return lambda x, y: geographic(str(name), x + east, y + north)
+    first = complex(*edges[0].points[0, :2])
+    left = 0j if abs(first - offset) < abs(first) else offset
+    return lambda x, y: geographic(name, x + left.real, y + left.imag)
 
 
 def _overlaid(levels: dict[str, Level], top: dict[str, Any]) -> dict[str, tuple[complex, complex]]:
@@ -99,34 +96,29 @@ def _overlaid(levels: dict[str, Level], top: dict[str, Any]) -> dict[str, tuple[
     if base not in levels:
         raise SiteError(f"there is no level {base!r}", place="reference_level_name", do="correct the file")
     marks: dict[str, dict[str, complex]] = {}
-    out = {}
-    for name in [base, *(name for name, level in levels.items() if level.get("lanes") and name != base)]:
+    for name, level in levels.items():
         with at(f"level {name}"):
-            rows = _rows(levels[name], "fiducials", 3)
-            marks[name] = {str(row[2]): complex(*_spot(row)).conjugate() for row in rows}
-            if name == base:
-                out[name] = complex(_scale(levels[name])), 0j
-                continue
-            both = sorted(marks[name].keys() & marks[base].keys())
-            mine, there = (np.array([marks[level][mark] for mark in both]) for level in (name, base))
-            if len(np.unique(mine)) < 2 or len(np.unique(there)) < 2:
-                what = f"has no two fiducials in common with level {base}, so how it lies over it is unknown"
-                raise SiteError(what, do="mark the same two spots on both in the traffic editor")
-            # the similarity that fits best
-            around, metres = mine - mine.mean(), there * out[base][0]
-            factor = complex(np.vdot(around, metres - metres.mean()) / np.vdot(around, around))
-            out[name] = factor, complex(metres.mean() - factor * mine.mean())
+            rows = _rows(level, "fiducials", 3)
+            marks[name] = dict(zip((str(row[2]) for row in rows), _plane(rows, True), strict=True))
+    with at(f"level {base}"):
+        out = {base: (complex(_scale(levels[base])), 0j)}
+    for name in (name for name, level in levels.items() if level.get("lanes") and name != base):
+        both = sorted(marks[name].keys() & marks[base].keys())
+        mine, there = (np.array([marks[level][mark] for mark in both]) for level in (name, base))
+        if len(np.unique(mine)) < 2 or len(np.unique(there)) < 2:
+            what = f"has no two fiducials in common with level {base}, so how it lies over it is unknown"
+            raise SiteError(what, place=f"level {name}", do="mark the same two spots on both")
+        # the similarity that fits best
+        around, metres = mine - mine.mean(), there * out[base][0]
+        factor = np.vdot(around, metres) / np.vdot(around, around)
+        out[name] = complex(factor), complex(metres.mean() - factor * mine.mean())
     return out
 
 
-def _placed(rows: list[list[Any]], factor: complex, shift: complex) -> Floats:
-    """(n, 2) metres of the pixels of a drawing, whose y runs down."""
-    metres = factor * np.array([complex(*_spot(row)).conjugate() for row in rows]) + shift
-    return np.column_stack([metres.real, metres.imag])
-
-
-def _spot(row: list[Any]) -> tuple[float, float]:
-    return number(row[0]), number(row[1])
+def _plane(rows: list[list[Any]], pixels: bool) -> NDArray[np.complex128]:
+    """(n,) x + i y of rows; of pixels y runs down."""
+    spots = np.array([complex(number(row[0]), number(row[1])) for row in rows])
+    return spots.conjugate() if pixels else spots
 
 
 def _rows(level: Level, key: str, least: int) -> list[list[Any]]:
@@ -144,15 +136,14 @@ def _options(row: list[Any]) -> dict[str, Any]:
 
 def _scale(level: Level) -> float:
     """Metres a pixel: the mean over the measured lines."""
-    rows, spots = _rows(level, "measurements", 3), [_spot(r) for r in _rows(level, "vertices", 2)]
-    ends = [[spots[_index(v, len(spots))] for v in row[:2]] for row in rows]
-    metres = np.array([number(_options(row).get("distance")) for row in rows])
-    pixels = np.array([math.dist(a, b) for a, b in ends])
-    scale = float(np.mean(metres[pixels > 0.0] / pixels[pixels > 0.0])) if pixels.any() else 0.0
+    rows, spots = _rows(level, "measurements", 3), _plane(_rows(level, "vertices", 2), True)
+    pixels = [abs(complex(np.diff(spots[[_index(v, len(spots)) for v in row[:2]]])[0])) for row in rows]
+    metres = [number(_options(row).get("distance")) for row in rows]
+    scale = np.mean([m / p for m, p in zip(metres, pixels, strict=True) if p > 0.0] or [0.0])
     if not scale > 0.0:
         do = "measure a line in the traffic editor"
         raise SiteError("has no measurement, so its scale is unknown", do=do)
-    return scale
+    return float(scale)
 
 
 def _index(value: Any, count: int) -> int:

@@ -22,17 +22,7 @@ from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats._odr_links import connect
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, parse_road
-from fleetlog.roads.formats.base import (
-    HUGE,
-    MOST_VERTICES,
-    Inverse,
-    MapOptions,
-    Reader,
-    RoadMap,
-    Tally,
-    at,
-    number,
-)  # fmt: skip
+from fleetlog.roads.formats.base import HUGE, Inverse, MapOptions, Reader, RoadMap, Tally, at, number
 
 DRIVEN = frozenset({
     "driving", "bidirectional", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane",
@@ -82,18 +72,14 @@ def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
 
 def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> None:
     skipped: dict[str, float] = defaultdict(float)
-    default, vertices = "LHT" if options.traffic == "left" else "RHT", 0
+    default = "LHT" if options.traffic == "left" else "RHT"
     driven = options.lane_types or DRIVEN
     for road in roads.values():
         for edge in _lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped):
-            tally.edges.append(edge)
-            vertices += len(edge.points)
-            if vertices > MOST_VERTICES:
-                raise SiteError(f"needs more than {MOST_VERTICES:,} vertices", do="cut the map to the site")
+            tally.add(edge)
             if not (np.abs(edge.points) <= HUGE).all():
-                raise SiteError(
-                    "its lanes lie beyond the earth", place=f"road {road.id}", do="correct the map"
-                )
+                what = "its lanes lie beyond the earth"
+                raise SiteError(what, place=f"road {road.id}", do="correct the map")
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))
         tally.notes.append(f"length of the lanes that are left out, by type: {parts}")
