@@ -36,18 +36,12 @@ def learn(
 ) -> tuple[Site, Result]:
     """The site of a recording, and its evidence.
 
-    Parameters
-    ----------
     dataset : recorded or simulated, with positions; it is read a few times, a day of a truck at a time.
     site : an existing one, to compare with: what it lacks is proposed.
     settings : see :class:`fleetlog.learn.roads.Settings`.
     min_visits : a place was visited this often at least.
 
-    Raises
-    ------
-    DataError
-        The dataset has no positions, or no truck of it moved.
-    """
+    :class:`DataError` where the dataset has no positions, or no truck of it moved."""
     settings = settings or Settings()
     cells, noise = _driven(dataset)
     found = learn_roads(cells, noise, lambda: dataset.days(COLUMNS), settings)
