@@ -15,7 +15,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import Cells, gathered
 from fleetlog.learn.lines import Chain, centre_lines, chains
-from fleetlog.learn.refine import Fit, passes, refined
+from fleetlog.learn.refine import CLEAR, Fit, passes, refined
 from fleetlog.learn.shape import apart, contracted, ends, joined, pieces, split, tidied
 from fleetlog.roads.matching import Match, match
 from fleetlog.roads.routing import Router
@@ -155,7 +155,7 @@ def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) 
     graph = tidied(chains(lines), settings.spur, lines.side * 3.0)
     graph = _driven_only(graph, reread, settings)
     graph = _driven_only(tidied(graph, settings.spur, settings.lane), reread, settings)
-    while (met := _met(graph, cells)) is not None:
+    while (met := _met(graph, cells, settings.lane)) is not None:
         graph = _driven_only(met, reread, settings)
     return _final(apart(graph, 2.0 * REACH), cells, reread)
 
@@ -205,12 +205,14 @@ def _fitted(graph: list[Chain], senses: Mask, cells: Cells) -> list[Fit]:
     return refined([graph[k] for k in some], senses[some], cells, REACH)
 
 
-def _met(graph: list[Chain], cells: Cells) -> list[Chain] | None:
+def _met(graph: list[Chain], cells: Cells, lane: float) -> list[Chain] | None:
     """The graph without links that are shorter than what trucks cover across them: these have no line that
-    traces could show, and are the inside of one junction. None where there is no such link."""
+    traces could show, and are the inside of one junction. Directions farther apart than ``lane`` [m] are two
+    roads, which a link confuses: of it only what lies clear of its ends counts. None without such links."""
     fits = _fitted(graph, senses := _senses(graph, cells), cells)
-    wide = [f.covered(s) for f, s in zip(fits, senses[senses.any(axis=1)], strict=True)]
-    met = contracted([f.chain for f in fits], np.array(wide))
+    told = list(zip(fits, senses[senses.any(axis=1)], strict=True))
+    confused = np.array([s.all() and np.ptp(f.left) > lane for f, s in told])
+    met = contracted([f.chain for f in fits], [f.covered(s) for f, s in told] + 2.0 * CLEAR * confused)
     return met if len(met) < len(fits) else None
 
 

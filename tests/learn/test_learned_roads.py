@@ -121,6 +121,20 @@ def test_no_road_between_junctions_is_shorter_than_it_is_wide(seed):
             assert n.length[i] > found.fits[i].covered(senses)
 
 
+@pytest.mark.parametrize("seed", [0, 100])
+def test_two_lanes_that_come_near_for_a_few_metres_stay_two_roads(seed):
+    """Lanes 3.6 m apart are 2.2 m apart half way along; nobody turns there."""
+
+    def bent(side: float) -> list[tuple[float, float]]:
+        return [(x, side * (1.8 - 0.7 * float(np.exp(-(((x - 60.0) / 8.0) ** 2))))) for x in range(0, 121, 2)]
+
+    drives = [drive(bent(-1.0), f"A{k}", seed + k) for k in range(6)]
+    drives += [drive(bent(1.0)[::-1], f"B{k}", seed + 20 + k) for k in range(6)]
+    n = learned(drives).network
+    assert len(n) == 2 and (n.reverse < 0).all()
+    assert n.length == pytest.approx(120.0, abs=8.0)
+
+
 def test_turning_the_traces_turns_the_map(round_course):
     turn = 0.6
     turned = learned([drive(SQUARE * 6, f"T{k}", k, turn) for k in range(4)]).network
