@@ -373,6 +373,7 @@ REFUSED = {
     "lane gap": (document(straight("1", 0, 5, section(0, lane(-1), lane(-3)))), "do not count up"),
     "a lane far out": (document(straight("1", 0, 5, section(0, lane(-1), lane(-1000000000)))), "do not count up"),
     "a lane far in": (document(straight("1", 0, 5, section(0, lane(1000000000)))), "do not count up"),
+    "a thousand lanes": (document(straight("1", 0, 5, section(0, *(lane(-k) for k in range(1, 1000))))), "1,000 lanes"),
     "rule": (document(straight("1", 0, 5, section(0, lane(-1)), rule='rule="UK"')), "rule is 'UK'"),
     "twice": (document(*[straight("1", 0, 5, section(0, lane(-1)))] * 2), "two roads have the id '1'"),
     "laughs": (LAUGHS + "]><OpenDRIVE>&j;</OpenDRIVE>", "entities"),

@@ -16,6 +16,7 @@ End = Literal["start", "end"]
 ENDS: tuple[End, End] = ("start", "end")
 SIDES = tuple(zip(ENDS, ("link/predecessor", "link/successor"), strict=True))
 LONGEST, TIGHTEST = 2e5, 100.0  # a longer road [m], or more of a turn in one piece [rad], is wrong
+MOST_LANES = 200  # the widest roads on earth have some thirty; the work grows with the square of the lanes
 AGAIN = "correct the map"
 MICRO = 1e-3  # a lane section shorter than this [m] is no edge; its links are carried through
 
@@ -163,6 +164,8 @@ def _lanes(section: Element, start: float) -> dict[int, Lane]:
     out = {lane.id: lane for lane in lanes}
     if len(out) < len(lanes):
         raise SiteError("two lanes have one id", do=AGAIN)
+    if len(out) > MOST_LANES:
+        raise SiteError(f"it has {len(out):,} lanes", do=AGAIN)
     counted = {0, *out}
     if max(counted) - min(counted) >= len(counted):
         raise SiteError(f"lane ids {sorted(out)} do not count up from the centre", do=AGAIN)
