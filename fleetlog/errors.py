@@ -23,12 +23,9 @@ LONGEST = 500  # Characters of one part of a line: a place, or what is wrong
 class FleetlogError(Exception):
     """Base of everything that fleetlog raises on purpose.
 
-    Parameters
-    ----------
     what : what is wrong, a clause without a full stop.
     where : the file, and ``place`` in it (line, record, key), when there is one.
-    do : what the reader should do about it.
-    """
+    do : what the reader should do about it."""
 
     def __init__(
         self, what: str, *, where: str | Path | None = None, place: str | None = None, do: str | None = None

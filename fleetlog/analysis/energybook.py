@@ -41,8 +41,6 @@ ENDS = {
 class Book:
     """Sums in joules, seconds, metres, as columns of four tables; ``J_TERM`` is the energy of a term.
 
-    Attributes
-    ----------
     segments : a row a trip and hour, in order of time.  Of the sums ``returned`` flowed back into the
         battery; ``traction`` and ``braking`` are drive energy where the wheels push and are pushed;
         ``beside_measured`` is the model where there is a measurement; ``raising`` is lifting alone.  ``peak``
@@ -50,8 +48,7 @@ class Book:
         the measured energy was taken from.
     stretches : a row an edge and ``number`` of the stretch on it.
     zones : a row a zone of the site.
-    bins : a row a ``BIN`` of time [us]; ``known`` are the seconds with a measurement.
-    """
+    bins : a row a ``BIN`` of time [us]; ``known`` are the seconds with a measurement."""
 
     segments: Columns
     stretches: Columns

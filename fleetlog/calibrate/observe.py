@@ -30,8 +30,6 @@ BLOCK = 15  # Windows whose sum tells how much longer than a window the disagree
 class Run:
     """One row of a table of measurements; a cell left blank takes the default.
 
-    Attributes
-    ----------
     run : name.
     kind : one of ``KINDS``.
     energy : measured at the battery terminals, over all repeats [Wh];  sigma : its standard deviation [Wh].
@@ -40,8 +38,7 @@ class Run:
     speed : highest, or at the start of a coast-down [m/s];  end_speed : at the end of a coast-down [m/s].
     acceleration, deceleration : m/s2, the truck file's by default.
     grade : tan of the slope, uphill positive.
-    duration : s, of an idle run; measured, of a coast-down (there ``sigma`` is in seconds).
-    """
+    duration : s, of an idle run; measured, of a coast-down (there ``sigma`` is in seconds)."""
 
     run: str
     kind: str

@@ -1,7 +1,9 @@
 """Files from outside: only regular ones are opened, and those that are held whole only up to a size."""
 
+import gzip
 import os
 import stat
+import zlib
 from pathlib import Path
 from typing import BinaryIO
 
@@ -27,9 +29,19 @@ def open_regular(path: Path, error: type[InputError] = InputError) -> BinaryIO:
 
 
 def read_whole(path: Path, limit: int = WHOLE, error: type[InputError] = InputError) -> bytes:
-    """All bytes of a regular file of at most ``limit`` bytes."""
-    with open_regular(path, error) as stream:
-        data = stream.read(limit + 1)
+    """All bytes of a regular file of at most ``limit`` bytes, unpacked where it is packed with gzip."""
+    data = read_head(path, limit + 1, error)
     if len(data) > limit:
         raise error(f"is larger than {limit >> 20} MB", where=path, do="cut it to what is needed")
     return data
+
+
+def read_head(path: Path, size: int, error: type[InputError] = InputError) -> bytes:
+    """The first bytes of a regular file, unpacked where it is packed with gzip."""
+    with open_regular(path, error) as stream:
+        packed = stream.read(2) == b"\x1f\x8b"
+        stream.seek(0)
+        try:
+            return (gzip.GzipFile(fileobj=stream) if packed else stream).read(size)
+        except (EOFError, gzip.BadGzipFile, zlib.error) as problem:
+            raise error(f"is a damaged gzip file ({problem})", where=path, do="pack it again") from None

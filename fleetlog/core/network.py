@@ -190,14 +190,11 @@ def build_network(
 ) -> Network:
     """Edges as a :class:`Network`.
 
-    Parameters
-    ----------
     edges : in any order; ids must differ.
     turns : the allowed (edge id, next edge id).  By default every edge that leaves the node where one ends
         may follow it; its own reverse only at a dead end.
     forbidden : (edge id, next edge id) to leave out of the default.
-    has_elevation : by default whether any height differs from another.
-    """
+    has_elevation : by default whether any height differs from another."""
     if not edges:
         do = "check the lane types or road classes that are kept"
         raise SiteError("the map has no drivable road", do=do)

@@ -60,14 +60,11 @@ Values = Floats | Ints | Labels | NDArray[Any]
 class Trajectory:
     """One vehicle, one stretch of time.
 
-    Attributes
-    ----------
     vehicle_id : str
     time : (N,) int64, microseconds since 1970-01-01 UTC, strictly increasing.
     columns : by the names of :mod:`fleetlog.core.columns` (without vehicle_id and timestamp) or a log's own
         further names.  Floats are float64 with NaN for null; ``trip_id`` is int64 with -1 for null; labels
-        are :class:`Labels`.  A column that is wholly unknown is simply absent.
-    """
+        are :class:`Labels`.  A column that is wholly unknown is simply absent."""
 
     vehicle_id: str
     time: Ints

@@ -70,11 +70,8 @@ current = _current.get  # Return the engine of the innermost :func:`using`; with
 def using(workers: int | None = None, scheduler: str | None = None) -> Iterator[Engine]:
     """Run the jobs of all library functions in this block on an engine.
 
-    Parameters
-    ----------
     workers : processes of this machine; by default the cores there are, and where work is small, none.
-    scheduler : address of a Dask scheduler (``tcp://HOST:PORT``) in place of this machine.
-    """
+    scheduler : address of a Dask scheduler (``tcp://HOST:PORT``) in place of this machine."""
     engine: Engine
     if scheduler is not None:
         engine = Cluster(scheduler)

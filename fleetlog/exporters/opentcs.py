@@ -2,8 +2,7 @@
 
 Lengths are millimetres.  A path goes one way; a road of both directions is two paths.  A road with bends is a
 chain of straight paths.  Every place is a location with the operation of its kind, linked to the point on the
-road from which it is reached.  Source: the schema of the openTCS project.
-"""
+road from which it is reached.  Source: the schema of the openTCS project."""
 
 import math
 from collections import defaultdict

@@ -1,8 +1,7 @@
 """What every log format gives: batches of rows in SI units, and a report of what was read.
 
 A format is one module of this package that holds ``IMPORTER``, an :class:`Importer`.  It turns a file into
-:class:`RawBatch` es; cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s.
-"""
+:class:`RawBatch` es; cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -38,8 +37,6 @@ class Reject(NamedTuple):
 class RawBatch:
     """N rows as a log gives them, vehicles mixed, in any order; nothing cleaned but everything in SI units.
 
-    Attributes
-    ----------
     vehicle : (N,) labels, no nulls.
     time : (N,) int64, microseconds since 1970-01-01 UTC.
     columns : (N,) arrays by name.  Positions are ``latitude``, ``longitude`` [degrees, WGS 84] or ``x``,
@@ -50,8 +47,7 @@ class RawBatch:
         message that comes at its own times).  A row with NaN for its position stays a row of its own.
     record : (N,) int64, line or record number in the file, from 1.
     rejects : rows met on the way that could not be used.
-    progress : share of the file that has been read, 0 to 1.
-    """
+    progress : share of the file that has been read, 0 to 1."""
 
     vehicle: Labels
     time: Ints
@@ -107,16 +103,13 @@ class ReadOptions:
 class Importer:
     """A log format.
 
-    Attributes
-    ----------
     name : as ``--format`` takes it.
     suffixes : lower case with the dot, as ``(".gpx",)``; those of compression are taken off first.
     sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed (``b""``
         for a folder).
     read : the rows, batch by batch, in bounded memory; raises :class:`~fleetlog.errors.FormatError` when
         nothing is usable.
-    rank : formats of a lower rank are asked first; 0 for those with a signature, 9 for a last resort.
-    """
+    rank : formats of a lower rank are asked first; 0 for those with a signature, 9 for a last resort."""
 
     name: str
     suffixes: tuple[str, ...]

@@ -3,8 +3,7 @@
 What kind of message a trace holds stands in its name (``..._gt_...``, as the standard names files); where it
 does not, the first message tells.  In MCAP files, messages of the same kinds are read as topics.
 The classes of the messages come with osi-python (the extra ``osi``).
-https://opensimulationinterface.github.io/osi-antora-generator
-"""
+https://opensimulationinterface.github.io/osi-antora-generator"""
 
 import math
 import re

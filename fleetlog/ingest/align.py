@@ -1,8 +1,7 @@
 """How a log's own frame lies in the site's: the rotation and shift that put its tracks on the roads.
 
 Every rotation is tried, with every shift at once by correlation of what was driven with the roads, direction
-by direction; the best are fitted to the centre lines by least squares.  An ambiguous frame is refused.
-"""
+by direction; the best are fitted to the centre lines by least squares.  An ambiguous frame is refused."""
 
 from typing import Any, NamedTuple
 

@@ -1,8 +1,7 @@
 """Cleaning: what cannot be a measurement is refused or unknown, what can is left alone.
 
 Every step takes the sorted rows of one vehicle and gives fewer rows, or rows with values unknown, and tells
-``rejects``.
-"""
+``rejects``."""
 
 import itertools
 from typing import Any

@@ -3,8 +3,7 @@
 Values of messages without a position (a battery's) go onto the rows that have one.  Loggers write the last
 fix of a slow receiver into every row: where the speed says that the truck has moved, a repeated fix is no
 measurement; short stretches between two fixes are then filled by the distance driven.  Speed and heading come
-from straight lines fitted to the positions over a short while.
-"""
+from straight lines fitted to the positions over a short while."""
 
 import numpy as np
 import pandas as pd

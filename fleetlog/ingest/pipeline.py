@@ -3,8 +3,7 @@
 Everything read is set down by vehicle first (:mod:`fleetlog.ingest.rows`), group of logs by group;
 then every vehicle is cleaned, placed, matched and written, stretch by stretch.  Groups and vehicles are jobs
 of the engine in use.  Memory is bounded by a stretch whatever the size of the logs.  A stretch ends where a
-trip begins, so that no trip is torn and matching starts at a standstill.
-"""
+trip begins, so that no trip is torn and matching starts at a standstill."""
 
 import shutil
 from collections import Counter, defaultdict

@@ -3,8 +3,7 @@
 Late rows are sorted in, wrong clocks refused, restarted logs kept.  The rows of a vehicle in a file fall
 into *runs*: a run ends where time steps back by more than ``WINDOW`` or leaps ahead by more than ``LEAP``.  A
 run of fewer than ``SHORT`` rows beside a step back is a clock gone wrong and is refused; a longer one is the
-log starting again (files put together in another order) and is kept.
-"""
+log starting again (files put together in another order) and is kept."""
 
 import itertools
 from collections import defaultdict

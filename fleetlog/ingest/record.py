@@ -1,8 +1,7 @@
 """Messages of an MQTT broker, captured as one JSON object a line: ``{"topic", "received", "payload"}``.
 
 The session outlives a lost connection: a broker that keeps sessions delivers what was published meanwhile
-(quality of service 1).  What a broker forgets when it restarts is lost to every listener.
-"""
+(quality of service 1).  What a broker forgets when it restarts is lost to every listener."""
 
 import json
 import threading

@@ -1,8 +1,7 @@
 """What was driven where and in which direction: metres, per square of the floor and sector of heading; and
 the same gathered on the lines that trucks agree on.
 
-The table grows with the roads of a site, not with the length of its log.
-"""
+The table grows with the roads of a site, not with the length of its log."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

@@ -36,18 +36,12 @@ def learn(
 ) -> tuple[Site, Result]:
     """The site of a recording, and its evidence.
 
-    Parameters
-    ----------
     dataset : recorded or simulated, with positions; it is read a few times, a day of a truck at a time.
     site : an existing one, to compare with: what it lacks is proposed.
     settings : see :class:`fleetlog.learn.roads.Settings`.
     min_visits : a place was visited this often at least.
 
-    Raises
-    ------
-    DataError
-        The dataset has no positions, or no truck of it moved.
-    """
+    :class:`DataError` where the dataset has no positions, or no truck of it moved."""
     settings = settings or Settings()
     cells, noise = _driven(dataset)
     found = learn_roads(cells, noise, lambda: dataset.days(COLUMNS), settings)
@@ -114,11 +108,9 @@ def _speed(histogram: Ints) -> float:
 
 def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
     """Width [m] of the floor that trucks' middles cover, or twice the gap between both directions' lines."""
-    fit = found.fits[edge]
-    spread = np.sqrt(np.maximum(fit.spread**2 - noise**2, 0.0))
-    apart = float(abs(fit.left[0] - fit.left[1])) if both else 0.0
-    covered = apart + 4.0 * float(spread.max() if both else spread[0 if found.forth[edge] else 1])
-    return round(max(covered, 2.0 * apart, 1.0), 2)
+    fit, forth = found.fits[edge], bool(found.forth[edge])
+    apart = float(np.ptp(fit.left)) if both else 0.0
+    return round(max(fit.covered(np.array([both or forth, both or not forth]), noise), 2.0 * apart, 1.0), 2)
 
 
 def road_table(network: Network, found: Roads) -> pd.DataFrame:

@@ -34,6 +34,12 @@ class Fit:
     left: Floats
     spread: Floats
 
+    def covered(self, senses: Mask, noise: float = 0.0) -> float:
+        """Width [m] of the floor that trucks' middles cover in these ``senses``, forth and back; the
+        ``noise`` [m] of their positions does not count."""
+        spread = np.sqrt(np.maximum(self.spread[senses] ** 2 - noise**2, 0.0))
+        return float(np.ptp(self.left[senses]) + 4.0 * spread.max())
+
 
 def refined(chains: list[Chain], driven: Mask, cells: Cells, reach: float, rounds: int = 3) -> list[Fit]:
     """The chains moved onto the traces: in the middle of both directions where both are driven. ``driven``

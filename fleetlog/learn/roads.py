@@ -1,7 +1,6 @@
 """The road graph of a recording: traces gathered on lines, joined to a graph, fitted to the traces.
 
-Beside it how often which road was driven, by whom, on which days, how fast: its evidence.
-"""
+Beside it how often which road was driven, by whom, on which days, how fast: its evidence."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -16,8 +15,8 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import Cells, gathered
 from fleetlog.learn.lines import Chain, centre_lines, chains
-from fleetlog.learn.refine import Fit, passes, refined
-from fleetlog.learn.shape import apart, ends, joined, pieces, split, tidied
+from fleetlog.learn.refine import CLEAR, Fit, passes, refined
+from fleetlog.learn.shape import apart, contracted, ends, joined, pieces, split, tidied
 from fleetlog.roads.matching import Match, match
 from fleetlog.roads.routing import Router
 
@@ -156,6 +155,8 @@ def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) 
     graph = tidied(chains(lines), settings.spur, lines.side * 3.0)
     graph = _driven_only(graph, reread, settings)
     graph = _driven_only(tidied(graph, settings.spur, settings.lane), reread, settings)
+    while (met := _met(graph, cells, settings.lane)) is not None:
+        graph = _driven_only(met, reread, settings)
     return _final(apart(graph, 2.0 * REACH), cells, reread)
 
 
@@ -190,20 +191,41 @@ def two_way_edges(graph: list[Chain]) -> list[Edge]:
     return edges
 
 
-def _final(graph: list[Chain], cells: Cells, reread: Reread) -> Roads:
-    """The graph on its traces, every road in the directions in which it is driven."""
+def _senses(graph: list[Chain], cells: Cells) -> Mask:
+    """(n, 2) whether each chain is driven forth and back, by what lies on it."""
     driven = passes(graph, cells, REACH)
-    senses = driven > SELDOM * driven[:, ::-1]
+    return np.asarray(driven > SELDOM * driven[:, ::-1])
+
+
+def _fitted(graph: list[Chain], senses: Mask, cells: Cells) -> list[Fit]:
+    """The chains that are driven, on their traces."""
     some = np.flatnonzero(senses.any(axis=1))
-    graph, senses = [graph[k] for k in some], senses[some]
-    if not graph:
+    if not len(some):
         raise DataError("shows no road that was driven from end to end", do="record for longer")
-    fits = refined(graph, senses, cells, REACH)
-    edges = two_way_edges([f.chain for f in fits])
-    kept, used = np.flatnonzero(senses.ravel()), np.zeros(1, bool)
+    return refined([graph[k] for k in some], senses[some], cells, REACH)
+
+
+def _met(graph: list[Chain], cells: Cells, lane: float) -> list[Chain] | None:
+    """The graph without links that are shorter than what trucks cover across them: these have no line that
+    traces could show, and are the inside of one junction. Directions farther apart than ``lane`` [m] are two
+    roads, which a link confuses: of it only what lies clear of its ends counts. None without such links."""
+    fits = _fitted(graph, senses := _senses(graph, cells), cells)
+    told = list(zip(fits, senses[senses.any(axis=1)], strict=True))
+    confused = np.array([s.all() and np.ptp(f.left) > lane for f, s in told])
+    met = contracted([f.chain for f in fits], [f.covered(s) for f, s in told] + 2.0 * CLEAR * confused)
+    return met if len(met) < len(fits) else None
+
+
+def _final(graph: list[Chain], cells: Cells, reread: Reread) -> Roads:
+    """The graph on its traces, every road in the directions in which it is driven: what lies on it may be
+    scatter of the lane beside, so they are asked of the trips too."""
+    senses, used = _senses(graph, cells), np.zeros(1, bool)
     while not used.all():
+        fits = _fitted(graph, senses, cells)
+        edges, kept = two_way_edges([f.chain for f in fits]), np.flatnonzero(senses[senses.any(axis=1)])
         network = build_network([edges[i] for i in kept])
         evidence = gather_evidence(network, reread())
-        used = evidence.mean_passes(network) > 0
-        kept = kept[used]
+        mine = evidence.mean_passes(network)
+        used = mine > SELDOM * np.where(network.reverse >= 0, mine[network.reverse], 0)
+        senses.ravel()[np.flatnonzero(senses)[~used]] = False
     return Roads(network, evidence, [fits[i // 2] for i in kept], kept % 2 == 0)

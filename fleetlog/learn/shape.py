@@ -20,7 +20,8 @@ def tidied(chains: list[Chain], spur: float, junction: float) -> list[Chain]:
     before = -1
     while len(chains) != before:
         before = len(chains)
-        chains = joined(_contracted(joined(_pruned(chains, spur)), junction))
+        chains = joined(_pruned(chains, spur))
+        chains = joined(contracted(chains, np.full(len(chains), junction)))
     return chains
 
 
@@ -53,14 +54,14 @@ def _pruned(chains: list[Chain], spur: float) -> list[Chain]:
     return chains
 
 
-def _contracted(chains: list[Chain], junction: float) -> list[Chain]:
-    """Junctions that a short link joins become one, in the middle of them all."""
+def contracted(chains: list[Chain], wide: Floats) -> list[Chain]:
+    """Junctions that a link shorter than it is ``wide`` [m] joins become one, in the middle of them all."""
     at = ends(chains)
     where = {c.start: c.points[0] for c in chains} | {c.end: c.points[-1] for c in chains}
     links: nx.Graph[int] = nx.Graph()
     links.add_nodes_from(where)
-    for c in chains:
-        if c.length < junction and min(len(at[c.start]), len(at[c.end])) > 1:
+    for c, width in zip(chains, wide, strict=True):
+        if c.length < width and min(len(at[c.start]), len(at[c.end])) > 1:
             links.add_edge(c.start, c.end)
     centre: dict[int, Floats] = {}
     name: dict[int, int] = {}
@@ -69,9 +70,9 @@ def _contracted(chains: list[Chain], junction: float) -> list[Chain]:
         centre[members[0]] = np.mean([where[n] for n in members], axis=0)
         name |= dict.fromkeys(members, members[0])
     kept = []
-    for c in chains:
+    for c, width in zip(chains, wide, strict=True):
         a, b = name[c.start], name[c.end]
-        if a != b or c.length >= 3.0 * junction:
+        if a != b or c.length >= 3.0 * width:
             kept.append(Chain(a, b, np.vstack([centre[a], c.points[1:-1], centre[b]])))
     return kept
 

@@ -11,8 +11,7 @@ nominal formula of :func:`fleetlog.physics.power.cell_power`.
 
 Sources: Peukert for changing current, normalised at the rated current I_n (Doerffel and Sharkh, J. Power
 Sources 155, 2006, doi 10.1016/j.jpowsour.2005.04.030).  The curves E(q) and the temperature slopes below are
-estimates of ours, typical of the chemistry and no maker's data.
-"""
+estimates of ours, typical of the chemistry and no maker's data."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -2,8 +2,7 @@
 
 Every recipe is a list of pieces of constant acceleration; :func:`legs` lays them on a time axis of step
 ``dt``, each sample standing in the middle of its step, so that sums over the samples are exact to second
-order in ``dt``.
-"""
+order in ``dt``."""
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass

@@ -16,8 +16,7 @@ from = 2026-03-14T09:00:00Z        # absent: from the first row on
 until = 2026-03-14T17:00:00Z       # absent: to the last row
 drift = true                       # comes in evenly from the one to the other
 [own.term.rolling_resistance]
-coefficient = 0.019
-"""
+coefficient = 0.019"""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime

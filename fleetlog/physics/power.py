@@ -5,8 +5,7 @@
     P        = P_drive + sum of power and drive terms   [W] at the battery terminals, > 0 when discharging
     P_cell   = P + internal_resistance (P / voltage)^2  what the state of charge pays
 
-``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly.
-"""
+``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """All that a report says of one dataset: results of analyses, and the ledger that figures are summed from.
 
 The ledger has one row a truck and quarter of an hour.  Whatever happened is one column, so figures of the
-fleet, of a truck, of a day or of an hour of the day are sums over some of its rows and cannot disagree.
-"""
+fleet, of a truck, of a day or of an hour of the day are sums over some of its rows and cannot disagree."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

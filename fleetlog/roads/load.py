@@ -10,17 +10,16 @@ import numpy as np
 
 from fleetlog.core import schema
 from fleetlog.core.arrays import Floats
-from fleetlog.core.files import open_regular
-from fleetlog.core.network import Edge, LoadReport, Network, build_network, distance_to_segment
+from fleetlog.core.files import read_head
+from fleetlog.core.network import LoadReport, Network, build_network, distance_to_segment
 from fleetlog.core.site import FARTHEST, Building, Frame, Place, Site, Zone, crs, frame_of_crs, map_frames
 from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
-from fleetlog.roads.formats.base import Inverse, MapOptions, Reader, RoadMap, at
+from fleetlog.roads.formats.base import MOST_VERTICES, Inverse, MapOptions, Reader, RoadMap, at
 from fleetlog.store.documents import digest as sha256
 
 HEAD = 4096  # bytes that a format is recognised by
-MOST_EDGES, MOST_VERTICES, LONGEST = 2_000_000, 20_000_000, 200_000.0
-"""A map with more edges, more vertices, or an edge longer than this [m] is not that of a site."""
+MOST_EDGES, LONGEST = 2_000_000, 200_000.0  # a site has no more edges, and none that is longer [m]
 OFF_ROADS = 10.0  # a place farther than this [m] from every road gets a warning
 metres = schema.real(-FARTHEST, FARTHEST)
 
@@ -104,12 +103,11 @@ def readers() -> dict[str, Reader]:
 
 
 def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
-    """The roads of a map file in its own coordinates; the format is recognised by content, then by suffix."""
-    with open_regular(path, SiteError) as stream:
-        head = stream.read(HEAD)
-    if not head.strip():
+    """The roads of a map file, packed with gzip or not, in its own coordinates; the format is recognised by
+    content, then by suffix."""
+    if not (head := read_head(path, HEAD, SiteError)).strip():
         raise SiteError("the file is empty", where=path, do="give a map")
-    suffix, known = path.suffix.lower(), readers().values()
+    suffix, known = Path(path.name.lower().removesuffix(".gz")).suffix, readers().values()
     found = [r for r in known if r.knows(head)] or [r for r in known if suffix in r.suffixes]
     if not found:
         suffixes = ", ".join(sorted({s for r in known for s in r.suffixes}))
@@ -137,15 +135,17 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     if "network" not in data:
         return site, []
     settings = schema.table(data["network"], NETWORK, path, "network", ("file",), SiteError)
-    chosen = (frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes"))
-    return _with_map(site, _map_file(settings["file"], path), MapOptions(settings.get("traffic"), *chosen))
+    lanes, classes = (
+        frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes")
+    )
+    options = MapOptions(settings.get("traffic"), lanes, classes, site.map_frames)
+    return _with_map(site, _map_file(settings["file"], path), options)
 
 
 def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[LoadReport]]:
-    road_map = read_map(file, options)
-    edges, frame, notes = place_map(road_map, site.frame)
+    road_map, frame, notes = place_map(read_map(file, options), site.frame)
     with at(where=file):
-        network = _network(edges, road_map)
+        network = _network(road_map)
     known = {p.id for p in site.places}
     places = site.places + tuple(p for p in road_map.places if p.id not in known)
     traffic = options.traffic or road_map.traffic or "right"
@@ -157,9 +157,9 @@ def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[L
     return site, [replace(road_map.report, notes=(*road_map.report.notes, *notes, *strays))]
 
 
-def _network(edges: list[Edge], road_map: RoadMap) -> Network:
-    """The network of placed edges; :class:`SiteError` where they are more, or longer, than any site's."""
-    vertices = sum(len(e.points) for e in edges)
+def _network(road_map: RoadMap) -> Network:
+    """The network of a placed map; :class:`SiteError` where edges are more, or longer, than any site's."""
+    edges, vertices = road_map.edges, sum(len(e.points) for e in road_map.edges)
     if len(edges) > MOST_EDGES or vertices > MOST_VERTICES:
         raise SiteError(f"holds {len(edges):,} edges of {vertices:,} vertices", do="cut the map to the site")
     network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
@@ -216,17 +216,17 @@ SAME = 0.01  # local metres of a map stay untouched where its frame reproduces t
 FAR = 50_000.0  # roads farther than this [m] from the frame's origin are in another frame than the site says
 
 
-def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Frame | None, list[str]]:
-    """Edges in the site frame (None: the map's, or one about its centre), that frame, and notes."""
-    edges, earth = road_map.edges, road_map.geographic_of
-    points = np.concatenate([e.points for e in edges])
+def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[RoadMap, Frame | None, list[str]]:
+    """The map in the site frame (None: the map's, or one about its centre), that frame, and notes."""
+    earth, stops = road_map.geographic_of, np.array([[p.x, p.y] for p in road_map.places]).reshape(-1, 2)
+    points = np.concatenate([*(e.points[:, :2] for e in road_map.edges), stops])
     if road_map.geographic:
         frame = frame or _centre_frame(points[:, 1], points[:, 0])
-        return _moved(edges, *frame.to_local(points[:, 1], points[:, 0])), frame, []
+        return _moved(road_map, *frame.to_local(points[:, 1], points[:, 0])), frame, []
     if earth is None:
         note = ["the map's coordinates are taken as the local metres of the site's frame"] if frame else []
-        return edges, frame, note
-    latitude, longitude = earth(points[:, 0], points[:, 1])
+        return road_map, frame, note
+    latitude, longitude = earth(*points.T)
     if not (np.isfinite(latitude).all() and np.isfinite(longitude).all()):
         do = "correct the geoReference or the header's offset"
         raise SiteError("its projection does not reach its coordinates", do=do)
@@ -234,14 +234,14 @@ def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Frame
     x, y = frame.to_local(latitude, longitude)
     moved = float(np.hypot(x - points[:, 0], y - points[:, 1]).max())
     if moved <= SAME:
-        return edges, frame, []
+        return road_map, frame, []
     how = "coordinates are brought from the map's projection into the site frame"
-    return _moved(edges, x, y), frame, [f"{how}; the largest change is {moved:.2f} m"]
+    return _moved(road_map, x, y), frame, [f"{how}; the largest change is {moved:.2f} m"]
 
 
 def _own_frame(earth: Inverse, points: Floats) -> Frame:
     """A frame with the map's axes, about its (0, 0) where that is near the roads, else about their centre."""
-    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    low, high = points.min(axis=0), points.max(axis=0)
     near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())
     origin = np.zeros(2) if near else (low + high) / 2.0
     step = max(1.0, float((high - low).max()) / 2.0)
@@ -262,16 +262,22 @@ def _centre_frame(latitude: Floats, longitude: Floats) -> Frame:
     return Frame(round(middle[0], 9), round(middle[1], 9))
 
 
-def _moved(edges: list[Edge], x: Floats, y: Floats) -> list[Edge]:
+def _moved(road_map: RoadMap, x: Floats, y: Floats) -> RoadMap:
+    """The map with the coordinates of its vertices, edge after edge, and of its places exchanged."""
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         what = "its coordinates cannot be brought into the site frame"
         raise SiteError(what, do="check the frame and the map")
     if (away := float(np.hypot(x, y).min())) > FAR:
         what = f"the roads are {away / 1000.0:.0f} km from the site's frame"
         raise SiteError(what, do="correct [frame] or give another map")
-    bounds = np.cumsum([len(e.points) for e in edges])[:-1]
-    pieces = zip(np.split(x, bounds), np.split(y, bounds), edges, strict=True)
-    return [replace(e, points=np.column_stack([px, py, e.points[:, 2]])) for px, py, e in pieces]
+    bounds = np.cumsum([len(e.points) for e in road_map.edges])
+    *lines, stops = np.split(np.column_stack([x, y]), bounds)
+    edges = [
+        replace(e, points=np.column_stack([line, e.points[:, 2]]))
+        for e, line in zip(road_map.edges, lines, strict=True)
+    ]
+    spots = zip(road_map.places, stops.tolist(), strict=True)
+    return replace(road_map, edges=edges, places=tuple(replace(p, x=a, y=b) for p, (a, b) in spots))
 
 
 def distance_to_roads(network: Network, spots: Floats) -> Floats:

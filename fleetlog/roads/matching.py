@@ -9,8 +9,7 @@ fixed-interval smoother on the route places the rows:
    travelled distance|, where turns and one-way roads are the network's; beside them one state "off the
    roads";
 4. Viterbi chooses, forward-backward weighs;
-5. the chosen candidates become routes, and the rows of each are smoothed along it.
-"""
+5. the chosen candidates become routes, and the rows of each are smoothed along it."""
 
 import math
 from dataclasses import dataclass, replace

@@ -28,18 +28,13 @@ class Route:
 class Router:
     """Quickest routes on one network, for many questions.
 
-    Parameters
-    ----------
     network : the roads.
     speed : (E,) m/s to plan with; by default the limit, and ``DEFAULT_SPEED`` where it is unknown.
     turn_time : s charged for every change of heading, by its share of a half turn (0 at straight on).
 
-    Notes
-    -----
     A* over directed edges (Hart, Nilsson and Raphael 1968) with the straight-line time at the highest speed
     as the lower bound.  Equal costs are decided by edge number: the same question has the same answer on
-    every machine.
-    """
+    every machine."""
 
     def __init__(self, network: Network, speed: Floats | None = None, turn_time: float = 0.0) -> None:
         limit = network.speed_limit if speed is None else np.asarray(speed, dtype=np.float64)

@@ -56,19 +56,13 @@ def simulate(
 ) -> Summary:  # fmt: skip
     """Simulate a fleet on a site and write its trajectories.
 
-    Parameters
-    ----------
     truck : of all vehicles, or one for each.
     demand : tasks; by default endless ones between random places.
     physics : terms beyond the nominal model; each can be switched off in it.
     progress : called with seconds done and in all.
     mined : places that may be left out where there is no room beside the road.
 
-    Raises
-    ------
-    SiteError, InputError
-        For an unreachable place, one off the roads, more trucks than the site can hold.
-    """
+    :class:`InputError` for an unreachable place, one off the roads, more trucks than the site holds."""
     settings, demand = settings or Settings(), demand or Demand()
     _check(settings)
     # Half the time of a large run is writing, and half of that is packing.

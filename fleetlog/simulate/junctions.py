@@ -27,14 +27,11 @@ BEND = 0.02  # A connector that bends more than this takes one truck at a time [
 class Junctions:
     """E lanes, P pieces.
 
-    Attributes
-    ----------
     clear, stop : (E,) a truck whose centre is between these offsets [m] touches nothing that others use; stop
         < clear where there is no such part (single-lane aisles, stubs).
     capacity : (E,) trucks that can stand on the safe part.
     resource : (S,) of every sample of the track, -1 on safe parts.
-    conflicts : (N, 2) resources that exclude each other, or themselves: they take one truck at a time.
-    """
+    conflicts : (N, 2) resources that exclude each other, or themselves: they take one truck at a time."""
 
     clear: Floats
     stop: Floats

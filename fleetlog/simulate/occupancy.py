@@ -49,13 +49,10 @@ class Job:
 class Occupancy(Untangler):
     """The part of a dispatcher that gives bays to trucks.
 
-    Attributes
-    ----------
     home : (V,) the bay that a truck stands in, or stood in last;  soc : (V,) state of charge.
     lacks : (V,) what a truck that stands in a bay waits for, see ``state.PICK_PLACE``; ``wants``: its bays.
     owner : (B,) the truck that stands in a bay or goes there, -1: none;  place_of, kind, where : of each bay.
-    working : the bays of pick and of drop places; of any working place where there is none of that kind.
-    """
+    working : the bays of pick and of drop places; of any working place where there is none of that kind."""
 
     def __init__(self, world: World, fleet: Fleet, policy: Policy) -> None:
         super().__init__(world, fleet)

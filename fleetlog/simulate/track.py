@@ -120,13 +120,10 @@ def moved(shape: Floats, x: float, y: float, heading: float) -> Floats:
 class Track:
     """P pieces: lanes 0..E-1 (of edge i), then one connector for each entry of the network's ``next_edges``.
 
-    Attributes
-    ----------
     first : (P + 1,) piece p owns samples first[p]:first[p + 1];  spacing, length : (P,) [m].
     source, target : (P,) lanes that a connector joins, -1 for lanes.
     x, y, z, heading, curvature, slope : (S,) of the path;  edge, offset, lateral : (S,) where on the map it
-        lies.
-    """
+        lies."""
 
     network: Network
     first: Ints

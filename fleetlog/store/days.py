@@ -4,8 +4,7 @@ Partial results are kept in the dataset's folder, so that a question asked again
 ``.partials/QUESTION/PART`` holds what a function made of a part, as ``date=DAY/vehicle_id=ID``.  QUESTION is
 the digest of the function, its parameters, the site and fleetlog's own code; the file begins with that of the
 parts it was made from (names, sizes, times of modification).  What does not agree is made anew.  Results are
-dataclasses of arrays, numbers and texts; nothing found in a file is run.
-"""
+dataclasses of arrays, numbers and texts; nothing found in a file is run."""
 
 import hashlib
 import io
@@ -86,14 +85,11 @@ def each_day(
 ) -> Iterator[P]:  # fmt: skip
     """Yield ``work(dataset, vehicle, date, *arguments)`` for every vehicle-day, by vehicle and then by date.
 
-    Parameters
-    ----------
     work : a function of a module, of which the result depends on nothing but its arguments; it returns
         plain data (see :func:`encode`).
     kinds : dataclasses that its result is made of; with any, results are kept in the dataset's folder.
     vehicles : only these; all by default.
-    cost : of a row [s], about.
-    """
+    cost : of a row [s], about."""
     days = [d for d in dataset.vehicle_days if not vehicles or d[0] in vehicles]
     parts = [Part(dataset.folder_of(*d), d, (d,)) for d in days]
     yield from each_part(dataset, parts, work, *arguments, kinds=kinds, cost=cost)

@@ -1,7 +1,6 @@
 """Tasks, activities and reservations of a simulation, as tables beside the trajectories.
 
-``dataset.json`` names those that a dataset has under ``tables``; an import has no such key.
-"""
+``dataset.json`` names those that a dataset has under ``tables``; an import has no such key."""
 
 from __future__ import annotations
 

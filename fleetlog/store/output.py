@@ -2,8 +2,7 @@
 
 A run works in the hidden folder ``.NAME.partial`` beside its target and holds a lock in it, which the kernel
 releases however the run ends; whoever finds the folder unlocked knows that its run is dead.  Every folder of
-output carries a :data:`MARK` that says what was written into it; a single file has its mark beside it.
-"""
+output carries a :data:`MARK` that says what was written into it; a single file has its mark beside it."""
 
 import ctypes
 import errno
@@ -38,18 +37,12 @@ def atomic_output(
 ) -> Iterator[Path]:  # fmt: skip
     """A scratch folder (or the name of a scratch file) that becomes ``target`` when the block ends well.
 
-    Parameters
-    ----------
     target : a folder or a file; missing folders above it are made; of a symlink, what it names is written.
     kind : what is written, a noun; an older output is replaced by one of the same kind only.
     overwrite : whether an older output may be replaced; it is, at once, when the new one is whole.
     inputs : files and folders that the run reads.
 
-    Raises
-    ------
-    OutputError
-        The target must not be replaced (see :func:`check_free`), or another run is writing to it.
-    """
+    :class:`OutputError` where it must not be replaced (:func:`check_free`) or another run writes to it."""
     given, target, inputs = target, Path(os.path.realpath(target)), list(inputs)
     check_free(given, kind, overwrite=overwrite, folder=folder, inputs=inputs)
     interrupt.keep_from_arrow()

@@ -3,8 +3,7 @@
 A site is written as ``site.toml`` and ``roads.geojson``, as :func:`fleetlog.roads.load_site` reads them.
 
 The tags are those of OGC GeoTIFF 1.1 (OGC 19-008r4): azimuthal equidistant metres about the site's origin; a
-turned site by a full transformation.  Without a frame a raster lies in local metres.
-"""
+turned site by a full transformation.  Without a frame a raster lies in local metres."""
 
 from __future__ import annotations
 

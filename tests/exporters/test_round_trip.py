@@ -154,6 +154,42 @@ def test_evo_reads_tum(make_dataset, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.cos(yaw - rows.floats("heading")), 1.0, atol=1e-9)
 
 
+def test_evo_reads_kitti_poses_with_their_times_as_it_reads_tum(make_dataset, tmp_path: Path) -> None:
+    files = pytest.importorskip("evo.tools.file_interface")
+    trajectory = pytest.importorskip("evo.core.trajectory")
+    dataset = make_dataset(vehicles=1)
+    export_dataset(dataset, "kitti", tmp_path / "T00.txt")
+    export_dataset(dataset, "tum", tmp_path / "T00.tum")
+    poses = files.read_kitti_poses_file(tmp_path / "T00.txt")
+    timed = files.read_tum_trajectory_file(tmp_path / "T00.tum")
+    assert poses.check()[0] and len(poses.poses_se3) == dataset.rows
+    found = trajectory.PoseTrajectory3D(poses_se3=poses.poses_se3, timestamps=timed.timestamps)
+    assert found.check()[0]
+    np.testing.assert_allclose(np.array(found.poses_se3), np.array(timed.poses_se3), atol=1e-6)
+    # and what evo writes is read back, with the times beside it
+    folder = tmp_path / "kitti"
+    folder.mkdir()
+    files.write_kitti_poses_file(folder / "T00.txt", found)
+    np.savetxt(folder / "times.txt", dataset.read("T00").time * 1e-6, fmt="%.6f")
+    rows, (back,) = dataset.read("T00"), read_back(folder / "T00.txt", dataset).values()
+    np.testing.assert_allclose(back["time"], rows.time, atol=1)
+    np.testing.assert_allclose((back["x"], back["y"]), (rows.floats("x"), rows.floats("y")), atol=1e-6)
+    np.testing.assert_allclose(np.cos(back["heading"] - rows.floats("heading")), 1.0, atol=1e-9)
+
+
+def test_geopandas_reads_geoparquet_with_its_reference_system(make_dataset, tmp_path: Path) -> None:
+    geopandas, dataset = pytest.importorskip("geopandas"), make_dataset(vehicles=2)
+    export_dataset(dataset, "parquet", tmp_path / "a.parquet")
+    found = geopandas.read_parquet(tmp_path / "a.parquet")
+    assert found.crs is not None and found.crs.is_geographic and found.crs.to_authority() == ("OGC", "CRS84")
+    assert len(found) == dataset.rows and (found.geometry.geom_type == "Point").all()
+    metres = found.to_crs("EPSG:25832").geometry
+    x, y = dataset.site.frame.to_local(found.geometry.y, found.geometry.x)
+    np.testing.assert_allclose((x, y), (found.x, found.y), atol=1e-6)
+    gap = np.hypot(np.diff(metres.x), np.diff(metres.y))  # UTM is 0.4 m short on 1 km
+    np.testing.assert_allclose(gap, np.hypot(np.diff(found.x), np.diff(found.y)), rtol=5e-4, atol=1e-6)
+
+
 def test_mcap_brings_the_battery_back_as_a_channel(make_dataset, tmp_path: Path) -> None:
     dataset = make_dataset(vehicles=2)
     out = tmp_path / "x.mcap"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import pairwise
 
 import numpy as np
@@ -98,6 +99,40 @@ def test_roads_that_cross_without_turns_do_not_meet_and_with_turns_do():
     n = learned(crossing + turning).network
     assert len(n) == 4
     assert len(n.node_ids) == 5
+
+
+@pytest.mark.parametrize("seed", [0, 100, 200])
+def test_no_road_between_junctions_is_shorter_than_it_is_wide(seed):
+    """Two roads of two lanes each, driven straight on and turned at: no short links zigzag between the lanes."""
+
+    def arm(k: int, out: bool) -> list[tuple[float, float]]:
+        along, aside = (8.0, 50.0) if out else (50.0, 8.0), -1.8 if out else 1.8
+        c, s = np.cos(0.5 * np.pi * k), np.sin(0.5 * np.pi * k)
+        return [(float(c * x - s * aside), float(s * x + c * aside)) for x in along]
+
+    ways = [arm(a, out=False) + arm((a + b) % 4, out=True) for a in range(4) for b in (1, 2, 3)]
+    found = learned([drive(way, f"T{k}", seed + k) for k, way in enumerate(ways * 3)])
+    n, arms = found.network, Counter[str]()
+    for road in {e.road: e for e in n.edges()}.values():
+        arms.update([road.start, road.end])
+    for i, e in enumerate(n.edges()):
+        if min(arms[e.start], arms[e.end]) > 1:
+            senses = np.array([found.forth[i], not found.forth[i]]) | (n.reverse[i] >= 0)
+            assert n.length[i] > found.fits[i].covered(senses)
+
+
+@pytest.mark.parametrize("seed", [0, 100])
+def test_two_lanes_that_come_near_for_a_few_metres_stay_two_roads(seed):
+    """Lanes 3.6 m apart are 2.2 m apart half way along; nobody turns there."""
+
+    def bent(side: float) -> list[tuple[float, float]]:
+        return [(x, side * (1.8 - 0.7 * float(np.exp(-(((x - 60.0) / 8.0) ** 2))))) for x in range(0, 121, 2)]
+
+    drives = [drive(bent(-1.0), f"A{k}", seed + k) for k in range(6)]
+    drives += [drive(bent(1.0)[::-1], f"B{k}", seed + 20 + k) for k in range(6)]
+    n = learned(drives).network
+    assert len(n) == 2 and (n.reverse < 0).all()
+    assert n.length == pytest.approx(120.0, abs=8.0)
 
 
 def test_turning_the_traces_turns_the_map(round_course):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from test_fleet_formats import BUILDING, NET, UPSTAIRS, WGS84
 from test_opendrive import junction_map, located
 from test_other_formats import DEGREES, GRAPHML, OSM, QUARTER, RESTRICTION, node, track
 from xodr_maps import document, geometry, lane, road, section
@@ -38,6 +39,10 @@ MAPS = {
     "map.graphml": GRAPHML.format(**DEGREES, edges='<edge source="1" target="2" id="0"><data key="s">36</data></edge>'),
     "map.osm": OSM.format(oneway="yes", relation=RESTRICTION.format(via="node", rule="no_left_turn")),
     "map.json": json.dumps({"metaInformation": {"lifVersion": "1.0.0"}, "layouts": [LAYOUT]}),
+    "two.json": json.dumps({"origins": [{"originId": "o", "layouts": [LAYOUT]}, {"originId": "p", "layouts": []}]}),
+    "map.building.yaml": BUILDING + "    fiducials: [[0, 0, lift], [200, 0, stairs]]\n" + UPSTAIRS,
+    "wgs84.building.yaml": WGS84,
+    "map.net.xml": NET,
 }  # fmt: skip
 NASTY = [
     "",

@@ -371,6 +371,9 @@ REFUSED = {
     ),
     "no shape": (document(road("1", 5, geometry(0, 0, 0, 0, 5, ""), section(0, lane(-1)))), "no known shape"),
     "lane gap": (document(straight("1", 0, 5, section(0, lane(-1), lane(-3)))), "do not count up"),
+    "a lane far out": (document(straight("1", 0, 5, section(0, lane(-1), lane(-1000000000)))), "do not count up"),
+    "a lane far in": (document(straight("1", 0, 5, section(0, lane(1000000000)))), "do not count up"),
+    "a thousand lanes": (document(straight("1", 0, 5, section(0, *(lane(-k) for k in range(1, 1000))))), "1,000 lanes"),
     "rule": (document(straight("1", 0, 5, section(0, lane(-1)), rule='rule="UK"')), "rule is 'UK'"),
     "twice": (document(*[straight("1", 0, 5, section(0, lane(-1)))] * 2), "two roads have the id '1'"),
     "laughs": (LAUGHS + "]><OpenDRIVE>&j;</OpenDRIVE>", "entities"),
@@ -390,6 +393,13 @@ def test_refused_in_one_line(tmp_path, text, why, encoding):
     line = error.value.line()
     assert "\n" not in line and "map.xodr" in line and len(line) < 300
     assert why in line or (encoding == "utf-16" and "DOCTYPE" in line) or "entit" in line.lower()
+
+
+def test_many_lanes_of_a_long_road_do_not_fill_memory(write, monkeypatch):
+    monkeypatch.setattr("fleetlog.roads.formats.base.MOST_VERTICES", 5000)
+    path = write(straight("1", 0, 1e5, section(0, lane(-1), lane(-2))))
+    with pytest.raises(SiteError, match="needs more than 5,000 vertices"):
+        load_site(path)
 
 
 def test_the_sample_plant_has_the_same_roads_as_its_geojson(project_root):

@@ -237,10 +237,14 @@ QUARTER = {
 def lif(tmp_path, edges, nodes=None, stations=(), version="1.0.0"):
     path = tmp_path / "layout.json"
     nodes = nodes or [node("A", 0, 0, "pick"), node("B", 10, 0), node("C", 20, 10, "startCharging")]
-    layout = {"layoutId": "1", "nodes": nodes, "edges": edges, "stations": list(stations)}
-    text = json.dumps({"metaInformation": {"lifVersion": version}, "layouts": [layout]})
-    # Version 2 says mobile robot for vehicle.
-    path.write_text(text.replace("vehicleType", "mobileRobotType") if version.startswith("2") else text)
+    layouts = {"layouts": [{"layoutId": "1", "nodes": nodes, "edges": edges, "stations": list(stations)}]}
+    new = {"origins": [{"originId": "o", **layouts}]} if version.startswith("2") else layouts
+    text = json.dumps({"metaInformation": {"lifVersion": version}, **new})
+    # Version 2 says mobile robot for vehicle, and what is done as required or feasible.
+    words = {"vehicleType": "mobileRobotType", '"actions"': '"feasibleActions"'}
+    for old, word in words.items() if version.startswith("2") else ():
+        text = text.replace(old, word)
+    path.write_text(text)
     site, (report,) = load_site(path)
     return site, report
 
@@ -278,6 +282,47 @@ def test_lif_stations_are_places_where_actions_tell_what_for(tmp_path, version):
     assert any("1 stations are left out" in note for note in report.notes)
 
 
+def floors(*origins):
+    """Version 2: layouts of nodes and edges under named origins."""
+    listed = [
+        {"originId": name, "layouts": [{"layoutId": name, "nodes": nodes, "edges": edges}]}
+        for name, nodes, edges in origins
+    ]
+    text = json.dumps({"metaInformation": {"lifVersion": "2.0.0"}, "origins": listed})
+    return text.replace("vehicleType", "mobileRobotType")
+
+
+UPPER = ("upper", [node("C", 0, 0), node("D", 5, 0)], [track("e2", "C", "D", trajectory={
+    "degree": 1, "knotVector": [0, 0, 0.5, 1, 1], "controlPoints": [{"x": 0, "y": 0}, {"x": 2, "y": 1}, {"x": 5, "y": 0}],
+})])  # fmt: skip
+GROUND = ("ground", [node("A", 0, 0), node("B", 10, 0)], [track("e1", "A", "B"), track("lift", "B", "C")])
+
+
+def test_lif_origins_lie_where_the_site_says(tmp_path):
+    (tmp_path / "l.json").write_text(floors(GROUND, UPPER))
+    frame = '[[map_frame]]\nname = "{}"\nshift = [{}.0, 0.0]\nrotation = {}\n'
+    (tmp_path / "site.toml").write_text(
+        frame.format("ground", 0, 0.0)
+        + frame.format("upper", 20, math.pi / 2)
+        + '[network]\nfile = "l.json"\n'
+    )
+    site, (report,) = load_site(tmp_path)
+    n = site.roads()
+    assert n.polyline(n.edge("e1"))[:, :2].tolist() == [[0, 0], [10, 0]]
+    assert n.polyline(n.edge("e2"))[:, :2] == pytest.approx(np.array([[20, 0], [19, 2], [20, 5]]))
+    assert n.polyline(n.edge("lift"))[-1, :2] == pytest.approx([20, 0])
+    assert not report.notes
+
+
+def test_lif_origins_of_which_nothing_is_said_are_told(tmp_path):
+    (tmp_path / "l.json").write_text(floors(GROUND, UPPER))
+    site, (report,) = load_site(tmp_path / "l.json")
+    assert site.roads().edge_ids == ("e1", "lift", "e2")
+    assert any("'ground', 'upper' have no [[map_frame]]" in note for note in report.notes)
+    (tmp_path / "l.json").write_text(floors(GROUND[:2] + (GROUND[2][:1],)))
+    assert not load_site(tmp_path / "l.json")[1][0].notes
+
+
 WRONG_TRACKS = [
     (track("e1", "A", "Z"), "there is no node 'Z'"),
     (track("e1", "A", "B", maxSpeed="fast"), "'fast' is not a number"),
@@ -295,6 +340,9 @@ def test_lif_refused_in_one_line(tmp_path, edge, why):
 
 def test_wrong_lif_documents(tmp_path):
     refused(tmp_path, "l.json", '{"layouts": 3}', "has no layouts")
+    refused(tmp_path, "l.json", '{"origins": 3}', "has no layouts")
+    refused(tmp_path, "l.json", '{"origins": [{"layouts": 3}]}', "layouts: is not a list")
+    refused(tmp_path, "l.json", floors(GROUND, ("u", GROUND[1], [])), "node A: occurs twice")
     refused(tmp_path, "l.json", '{"layouts": [3]}', "not an object")
     refused(tmp_path, "l.json", '{"layouts": [{"nodes": [{"nodeId": "a"}]}]}', "node a: has no position")
     refused(tmp_path, "l.json", '{"layouts": []}', "no road in it: 0 edges")

@@ -3,8 +3,7 @@ the road network that episodes gather to, ranked by delay.
 
 A cluster at one step continues the cluster of the step before whose members it shares most (Jaccard share of
 at least one half; Kalnis, Mamoulis and Bakiras 2005, "moving clusters").  Two disjoint clusters cannot both
-share more than half with a third, so taking pairs in order of their share is the maximum-weight matching.
-"""
+share more than half with a third, so taking pairs in order of their share is the maximum-weight matching."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

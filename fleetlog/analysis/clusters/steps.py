@@ -7,8 +7,7 @@ At each step the trucks are vertices of a directed graph whose weights are short
 
 Clusters are the weakly connected components of the arcs with d <= threshold: the finest partition that is
 closed under "a truck belongs to the cluster of any truck that it can reach within the threshold".  A cluster
-of two or more is critical where its mean speed is under the limit.
-"""
+of two or more is critical where its mean speed is under the limit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -124,15 +123,12 @@ class Rule:
 class Crowds:
     """Clusters of two and more trucks, in order of time, as columns of three tables.
 
-    Attributes
-    ----------
     vehicles : names that ``truck`` numbers.
     clusters : ``time`` [us], ``label`` (number at its step), ``size``, ``mean_speed`` [m/s], ``slow_share``.
     members : ``truck``, ``edge``, ``offset`` [m], ``speed`` [m/s]; those of one cluster stand together.
     arcs : between trucks: ``time`` [us], ``ends`` (A, 2, 2) m, ``critical``.
     counts : (2, 7) see :func:`_counts`; without standing trucks and with them.
-    seen : rows of the time grid with a truck on the roads.
-    """
+    seen : rows of the time grid with a truck on the roads."""
 
     vehicles: tuple[str, ...]
     clusters: Columns

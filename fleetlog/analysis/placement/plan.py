@@ -7,8 +7,7 @@ i -> j is column-stochastic; with damping alpha and teleport v the rank solves
 
 where a marks dangling vertices (left without a counted move) and w = v takes their mass.  Two identities
 decide what such a rank can say (both are tests): on closed trajectories the stationary vector of the flow
-matrix *is* the share of visits, and with v equal to that share it is so for every alpha.
-"""
+matrix *is* the share of visits, and with v equal to that share it is so for every alpha."""
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress

@@ -1,8 +1,7 @@
 """Choosing at most k sites: p-median, spaced top-k, maximal covering; with forced and forbidden sites.
 
 All distances are from demand (row) to site (column), since trucks drive towards the charger.  Ties go to the
-smallest vertex number.
-"""
+smallest vertex number."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

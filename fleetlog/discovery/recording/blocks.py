@@ -43,8 +43,6 @@ def stacked(tables: Sequence[Any], *but: str) -> dict[str, Any]:
 class Block:
     """Rows of one vehicle on one day.
 
-    Attributes
-    ----------
     motion : (n,) samples, in single precision but for ``EXACT``;  row : (n,) the row that each belongs to,
     growing.
     likely : (n,) the likeliest accelerations, which those of ``motion`` lie above and below.
@@ -52,8 +50,7 @@ class Block:
     channels [W, 1].
     trip : (rows,) codes, unique over vehicles;  vehicle, day : codes.
     recipe : makes the reconstruction, which takes four times the memory of all else;  fresh : that, until the
-    block is put away.
-    """
+    block is put away."""
 
     motion: Motion
     row: Index

@@ -1,8 +1,7 @@
 """Noise of the smoother: measured on the innovations, not guessed.
 
 The parameters are those under which the filter's one-step predictions fit best (maximum likelihood of the
-innovations), found by a pattern search over their logarithms on a sample of rows.
-"""
+innovations), found by a pattern search over their logarithms on a sample of rows."""
 
 from __future__ import annotations
 

@@ -5,8 +5,7 @@ from differences of positions.  Stated noise: positions and the log's speed carr
 acceleration dies away under white jerk; the strengths are measured on the log itself
 (:mod:`fleetlog.physics.motion.noise`).  The way is that along the matched edges, corners cut, or along the
 smoothed positions off the map.  At a standstill speed and acceleration are observed to be zero.  A silence
-of the log ends a stretch: no sample stands for it.
-"""
+of the log ends a stretch: no sample stands for it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -111,8 +110,6 @@ def reconstruct(
 ) -> Reconstruction:  # fmt: skip
     """Reconstruct the motion in a log of one vehicle.
 
-    Parameters
-    ----------
     trajectory : with x and y, or speed; ``edge_id`` and ``edge_offset`` where it was matched.
     network : that it was matched to; without it the positions are the path.
     truck : whose turning radius rounds the corners of the map.
@@ -121,11 +118,7 @@ def reconstruct(
     scale : what the speed channel reads over the truth.
     noise : of the channels, measured on the log by default.
 
-    Raises
-    ------
-    DataError
-        where the log has neither positions nor speeds.
-    """
+    :class:`DataError` where the log has neither positions nor speeds."""
     if not len(trajectory):
         return _nothing(noise or Noise())
     rows = read_rows(trajectory, network, scale)

@@ -13,7 +13,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, LoadReport
 from fleetlog.core.schema import shown
-from fleetlog.core.site import Place, PlaceKind
+from fleetlog.core.site import MapFrame, Place, PlaceKind
 from fleetlog.errors import SiteError
 
 Inverse = Callable[[Floats, Floats], tuple[Floats, Floats]]
@@ -29,6 +29,7 @@ class MapOptions:
     traffic: Literal["right", "left"] | None = None
     lane_types: frozenset[str] | None = None  # driven ones of OpenDRIVE
     road_classes: frozenset[str] | None = None  # driven ones (tag highway) of OSM
+    frames: tuple[MapFrame, ...] = ()  # how the map's own frames lie in the site's
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ class Tally:
     dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     idle: int = 0  # stations where nothing is done
+    vertices: int = 0
 
     @property
     def read(self) -> int:
@@ -86,7 +88,15 @@ class Tally:
             self.dropped["without length"] += 1
             return
         self.kept += 1
-        self.edges += edges
+        for edge in edges:
+            self.add(edge)
+
+    def add(self, edge: Edge) -> None:
+        """Take in an edge; :class:`SiteError` beyond the vertices of any site's map."""
+        self.edges.append(edge)
+        self.vertices += len(edge.points)
+        if self.vertices > MOST_VERTICES:
+            raise SiteError(f"needs more than {MOST_VERTICES:,} vertices", do="cut the map to the site")
 
     def stop(self, name: str, kind: PlaceKind | None, spot: Floats) -> None:
         """Take in a station; the first of a name stays, and those where nothing is done are noted."""
@@ -118,6 +128,7 @@ def spot(x: Any, y: Any, place: str, z: Any = 0.0) -> Floats:
 
 
 HUGE = 1e9  # no coordinate, coefficient or count of a map is larger
+MOST_VERTICES = 20_000_000  # vertices of all roads of a map
 
 
 def number(text: Any, place: str | None = None) -> float:

@@ -2,9 +2,9 @@
 
 Edges are directed and keep their ids, for VDA 5050 logs name them.  A ``trajectory`` (NURBS) gives an edge
 its line, else it is straight.  Stations become places where a node's actions tell their kind.  Several
-layouts are kept in one network; a transition between floors is an edge.  Source: VDMA, LIF 1.0.0 (March
-2024) and the draft of 2.0.0 (January 2026), section 8.3.
-"""
+layouts are kept in one network; a transition between floors is an edge.  Version 2 groups layouts by the
+origin of their coordinates: a [[map_frame]] of the site called as an origin says where it lies.  Source:
+VDMA, LIF 1.0.0 (March 2024) and 2.0.0 (2026) with its examples, section 8.3."""
 
 import math
 from collections import defaultdict
@@ -15,7 +15,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge
-from fleetlog.core.site import PlaceKind
+from fleetlog.core.site import MapFrame, PlaceKind
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
 from fleetlog.roads.formats._odr_geometry import sample
@@ -32,30 +32,50 @@ LEAST, APART = 1e-6, 1e-9  # smallest weight of a control point; distance of two
 
 def _read(path: Path, options: MapOptions) -> RoadMap:
     tally, data = Tally(), read_json(path)
-    if not isinstance(data, dict) or not isinstance(data.get("layouts"), list):
+    if not isinstance(data, dict) or not isinstance(data.get("origins", data.get("layouts")), list):
         raise SiteError("has no layouts", do="give a LIF file")
-    keys, layouts = ("nodes", "edges", "stations"), _list(data, "layouts")
-    nodes, edges, stations = ([item for layout in layouts for item in _list(layout, k)] for k in keys)
-    for raw in nodes:
-        if not isinstance(raw.get("nodePosition"), dict):
-            place = f"node {raw.get('nodeId')}"
-            raise SiteError("has no position", place=place, do="export the layout with positions")
-    given = {str(node.get("nodeId")): node["nodePosition"] for node in nodes}
-    spots = Nodes((name, spot(p.get("x"), p.get("y"), f"node {name}")) for name, p in given.items())
-    for raw in edges:
-        with at(f"edge {raw.get('edgeId')}"):
-            tally.keep(_edge(raw, spots), shortest=1e-6)
-    kinds = {str(node.get("nodeId")): _per_type(node, "Node") for node in nodes}
+    origins, known = _list(data, "origins") or [data], {f.name: f for f in options.frames}
+    names = [str(origin.get("originId", "")) for origin in origins]
+    spots, kinds, stations = Nodes(), dict[str, list[Item]](), list[Item]()
+    frames = (known.get(name, MapFrame(name)) for name in names)
+    parts = [(f, layout) for f, o in zip(frames, origins, strict=True) for layout in _list(o, "layouts")]
+    for frame, layout in parts:
+        stations += _list(layout, "stations")
+        for raw in _list(layout, "nodes"):
+            name, p = str(raw.get("nodeId")), raw.get("nodePosition")
+            if not isinstance(p, dict):
+                do = "export the layout with positions"
+                raise SiteError("has no position", place=f"node {name}", do=do)
+            if name in kinds:
+                raise SiteError("occurs twice", place=f"node {name}", do="name every node of the file apart")
+            kinds[name] = _per_type(raw, "Node")
+            spots[name] = _placed(spot(p.get("x"), p.get("y"), f"node {name}")[None], frame)[0]
+    for frame, layout in parts:
+        for raw in _list(layout, "edges"):
+            with at(f"edge {raw.get('edgeId')}"):
+                tally.keep(_edge(raw, spots, frame), shortest=1e-6)
+    if len(set(names)) > 1 and (loose := sorted(set(names) - known.keys())):
+        how = "have no [[map_frame]] of their name in the site and are taken as one"
+        tally.notes.append(f"the origins {', '.join(map(repr, loose))} {how}")
     for station in stations:
         named = station.get("interactionNodeIds")
         served = [str(n) for n in named if str(n) in spots] if isinstance(named, list) else []
-        properties = (p for n in served for p in kinds[n])
-        actions = {str(action.get("actionType")) for p in properties for action in _list(p, "actions")}
+        actions = {str(action.get("actionType")) for n in served for p in kinds[n] for action in _actions(p)}
         kind = next((kind for action, kind in KINDS if action in actions), None)
         tally.stop(str(station.get("stationId")), kind, spots[served[0]] if served else np.zeros(2))
     nothing, do = f"no road in it: {tally.read} edges", "export the layout with its edges"
     forbidden = _about_turns(tally.edges)
     return tally.road_map("LIF, directed", nothing, do, forbidden=forbidden, has_elevation=False)
+
+
+def _placed(points: Floats, frame: MapFrame) -> Floats:
+    """(n, 3) points of an origin in the site's metres."""
+    return np.column_stack([*frame.to_site(points[:, 0], points[:, 1]), points[:, 2]])
+
+
+def _actions(properties: Item) -> list[Item]:
+    """What is done at a node: ``actions``, or ``requiredActions`` and ``feasibleActions``."""
+    return [a for key in properties if key.lower().endswith("actions") for a in _list(properties, key)]
 
 
 def _list(item: Item, key: str) -> list[Item]:
@@ -70,12 +90,13 @@ def _per_type(item: Item, what: str) -> list[Item]:
     return [p for kind in ("vehicle", "mobileRobot") for p in _list(item, f"{kind}Type{what}Properties")]
 
 
-def _edge(raw: Item, spots: Nodes) -> Edge:
+def _edge(raw: Item, spots: Nodes, frame: MapFrame) -> Edge:
     name, start, end = (str(raw.get(key)) for key in ("edgeId", "startNodeId", "endNodeId"))
     kinds, points = _per_type(raw, "Edge"), np.array([spots[start], spots[end]])
     if line := next((k["trajectory"] for k in kinds if k.get("trajectory")), None):
         inner = _nurbs(line)[1:-1]
-        points = np.insert(points, 1, np.column_stack([inner, np.zeros(len(inner))]), axis=0)
+        inner = _placed(np.column_stack([inner, np.zeros(len(inner))]), frame)
+        points = np.insert(points, 1, inner, axis=0)
     # Version 2 spells the word out.
     given = (k.get(word) for k in kinds for word in ("maxSpeed", "maximumSpeed"))
     speeds = [number(v) for v in given if v is not None]
@@ -126,4 +147,4 @@ def _about_turns(edges: list[Edge]) -> frozenset[tuple[str, str]]:
     return frozenset((e.id, f.id) for e in leads_on for f in leaving[e.end] if f.end == e.start)
 
 
-READER = Reader("LIF", (".json", ".lif"), r'\A\{.*"(lifVersion|layouts)"', _read)
+READER = Reader("LIF", (".json", ".lif"), r'\A\{.*"(lifVersion|layouts|origins)"', _read)

@@ -3,8 +3,7 @@
 Read: plan view (line, arc, spiral, poly3, paramPoly3), elevation, superelevation, lane offset, widths and
 borders, lane links, junctions (direct ones too), rule (RHT, LHT), lane directions, speeds, geoReference with
 the offset of the header.  Left out: virtual junctions, road shape and surface, objects, signals, railroads,
-included files.
-"""
+included files."""
 
 import math
 import re
@@ -76,10 +75,11 @@ def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> Non
     default = "LHT" if options.traffic == "left" else "RHT"
     driven = options.lane_types or DRIVEN
     for road in roads.values():
-        edges = [*_lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped)]
-        if not all((np.abs(edge.points) <= HUGE).all() for edge in edges):
-            raise SiteError("its lanes lie beyond the earth", place=f"road {road.id}", do="correct the map")
-        tally.edges += edges
+        for edge in _lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped):
+            tally.add(edge)
+            if not (np.abs(edge.points) <= HUGE).all():
+                what = "its lanes lie beyond the earth"
+                raise SiteError(what, place=f"road {road.id}", do="correct the map")
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))
         tally.notes.append(f"length of the lanes that are left out, by type: {parts}")

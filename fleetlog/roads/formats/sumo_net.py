@@ -1,8 +1,7 @@
 """SUMO networks (``.net.xml``): an edge is its lanes' middle line, in the network's metres.
 
 Edges inside junctions are left out: a connection from edge to edge is a turn.  Where ``location`` names a
-projection, the network has its place on earth.  Source: sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html.
-"""
+projection, the network has its place on earth.  Source: sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html."""
 
 import math
 from pathlib import Path

@@ -1,8 +1,7 @@
 """The hidden Markov model: what it charges, the likeliest sequence and every candidate's posterior.
 
 States of a group are its candidates and, last, "off the roads".  Costs are negative logarithms of
-probabilities.
-"""
+probabilities."""
 
 import math
 from typing import Any, NamedTuple

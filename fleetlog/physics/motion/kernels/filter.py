@@ -2,8 +2,7 @@
 
 State (s, v, a): path coordinate [m], speed [m/s], acceleration [m/s2].  The acceleration dies away while
 white jerk of density q [m2/s5] drives it (R. A. Singer, Estimating optimal tracking filter performance for
-manned maneuvering targets, IEEE Trans. Aerospace and Electronic Systems 6 (1970) 473).
-"""
+manned maneuvering targets, IEEE Trans. Aerospace and Electronic Systems 6 (1970) 473)."""
 
 import math
 
