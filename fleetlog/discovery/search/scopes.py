@@ -44,7 +44,7 @@ class Column:
     def gain(self, weights: Floats) -> tuple[Floats, Floats]:
         """Return the (N,) gains, in natural logarithms, and steps of the column with (N, V, S) weights."""
         inverse, beta = self.model.fit()
-        cross, along, own = (a.sum(axis=0) for a in (self.cross, self.along, self.own))
+        cross, along, own = (a.sum(axis=0, dtype=float) for a in (self.cross, self.along, self.own))
         flat = weights.reshape(len(weights), -1)
         c, a, o = flat @ cross.reshape(flat.shape[1], -1), flat @ along.ravel(), flat**2 @ own.ravel()
         size = o - np.einsum("ni,ni->n", c @ inverse, c)
@@ -149,7 +149,8 @@ def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slo
     edges = problem.channel.fleet.moments(slots)
     k, j, groups = len(design.atoms), len(numbers), folds * vehicles * slots
     gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
-    cross, along, own = np.zeros((groups, j, k)), np.zeros((groups, j)), np.zeros((groups, j))
+    # Sums of the search itself are of columns in single precision; there are many of these.
+    cross, along, own = np.zeros((groups, j, k), np.float32), np.zeros((groups, j)), np.zeros((groups, j))
     for unit in problem.training():
         use, w = unit.whole, unit.windows[unit.whole]
         modelled, x = problem.channel.columns(unit, now.model, layout.sources)
