@@ -127,8 +127,8 @@ def energy_part(f: Facts) -> Part:
     part = Part([], [table(trucks, ENERGY, f"Energy by truck{money}")])
     if not known.all():
         part.lines.append(
-            f"The energy of {', '.join(trucks.loc[~known, 'vehicle_id'])} is unknown: the log has no power "
-            "channel. With --truck it is that of the truck's model."
+            f"The energy of {listed(trucks.loc[~known, 'vehicle_id'].tolist())} is unknown: the log has no "
+            "power channel. Give --truck to add that of the truck's model."
         )
     if "energy" in f.results:
         part.lines += _model_lines(f, f.results["energy"])
