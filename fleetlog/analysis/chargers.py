@@ -62,8 +62,8 @@ def chargers(
     truck : truck file, or name of a preset; for --metric energy and --check.
     check : simulate the plan: the same tasks, before and after.
     vehicles : trucks in the simulation; by default as many as recorded.
-    duration : of the simulation: 8h, 90m.
-    seed : of the simulation.
+    duration : simulated time: 8h, 90m.
+    seed : seed of the simulation.
     soc : state of charge at the start of the simulation.
     """
     if truck is None and (check or metric == "energy"):
