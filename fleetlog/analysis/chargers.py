@@ -3,8 +3,7 @@
 Road vertices are ranked by traffic, and at most k of them are chosen as sites.
 
 The ranking is PageRank-like over observed moves; the choice is a p-median by default.  What is known of the
-method that inspired it, and what is our own, is told in docs/chargers.md.
-"""
+method that inspired it, and what is our own, is told in docs/chargers.md."""
 
 from typing import Annotated, Any, Literal
 

@@ -1,7 +1,6 @@
 """Congestion: clusters of critically high traffic density.
 
-The rule of the clusters is stated in :mod:`fleetlog.analysis.clusters.steps`.
-"""
+The rule of the clusters is stated in :mod:`fleetlog.analysis.clusters.steps`."""
 
 from collections.abc import Iterator
 from typing import Annotated, Any

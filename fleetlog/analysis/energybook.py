@@ -104,7 +104,7 @@ def keep_book(
         "returned": -np.minimum(whole, 0.0),
         "traction": found.rows(np.maximum(work, 0.0)) / truck.drive.efficiency,
         "braking": found.rows(np.minimum(work, 0.0)) * truck.drive.regeneration,
-        "loss": loss, "charged": -np.where(plugged, np.nan_to_num(taken), 0.0),
+        "loss": loss, "charged": np.where(plugged, -np.nan_to_num(taken), 0.0),
         "raising": np.maximum(joules.get("J_lift_efficiency", nothing), 0.0), **compared,
     }  # fmt: skip
     doubt = found.window_variance(lambda m: battery_power(m, physics), (np.cumsum(new) - 1)[found.row])

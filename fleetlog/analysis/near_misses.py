@@ -6,8 +6,7 @@ A truck is a capsule, ``length`` by ``width``: two discs at its ends stand for i
 - *Post-encroachment time* (Allen, Shin and Cooper 1978): how long after one truck has left a spot of the
   floor another one comes to it on a crossing way.
 
-Both need clocks that agree among the trucks.
-"""
+Both need clocks that agree among the trucks."""
 
 from collections.abc import Iterator
 from typing import Annotated, Any

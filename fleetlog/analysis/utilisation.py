@@ -10,8 +10,7 @@ A simulation says so itself.  Of a recording it is read from motion, load, forks
   orders, one that waits there for its next task to begin cannot be told from an idle one);
 - a silence of the log longer than ``MAX_GAP`` is no data.
 
-The intervals of a truck partition the time from its first to its last row.
-"""
+The intervals of a truck partition the time from its first to its last row."""
 
 from collections.abc import Iterator, Sequence
 

@@ -2,8 +2,7 @@
 
 Signature and docstring are the one source of commands and pages.  A parameter is described in the section
 ``Parameters`` of the docstring as ``name : text``; one that several functions share and that a docstring
-leaves out is described in :data:`SHARED`.
-"""
+leaves out is described in :data:`SHARED`."""
 
 import inspect
 import re

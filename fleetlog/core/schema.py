@@ -1,8 +1,7 @@
 """The one checker of settings (TOML): every key is known, every value of its kind, finite and in range.
 
 A schema is a dictionary: key -> check.  A check takes the value as TOML gives it and returns it as it is
-used, or raises :class:`Wrong` with what was expected.
-"""
+used, or raises :class:`Wrong` with what was expected."""
 
 import math
 import sys

@@ -1,8 +1,7 @@
 """What every export format gives, and the one function that runs it.
 
 A format is one module of this package that holds ``EXPORTER``, an :class:`Exporter`.  It writes a scratch
-file that appears under the wanted name when it is whole.
-"""
+file that appears under the wanted name when it is whole."""
 
 import itertools
 import json

@@ -1,7 +1,6 @@
 """GeoJSON (RFC 7946): a point per row, all columns as properties.
 
-Where the site has no place on earth the points are local metres, which the property ``frame`` says.
-"""
+Where the site has no place on earth the points are local metres, which the property ``frame`` says."""
 
 from collections.abc import Iterator
 from pathlib import Path

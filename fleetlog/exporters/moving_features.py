@@ -1,8 +1,7 @@
 """OGC Moving Features JSON (19-045r3): a feature a vehicle, its temporal geometry and temporal properties.
 
 In longitude and latitude where the site lies somewhere on earth, else in local metres.  Lost are labels, and
-rows without a position.
-"""
+rows without a position."""
 
 from itertools import compress
 from pathlib import Path

@@ -1,8 +1,7 @@
 """The site as an Open-RMF navigation graph (``nav_graphs/0.yaml``): vertices in metres, directed lanes.
 
-A road with bends is a chain of straight lanes.  Every place is a vertex on the road from which it is reached,
-marked by its kind: charger, parking spot, dispenser (pick) or ingestor (drop).
-"""
+A road with bends is a chain of straight lanes.  Every place is a vertex on the road from which it is
+reached, marked by its kind: charger, parking spot, dispenser (pick) or ingestor (drop)."""
 
 import math
 from pathlib import Path

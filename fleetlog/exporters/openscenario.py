@@ -1,8 +1,7 @@
 """ASAM OpenSCENARIO XML 1.2: every vehicle follows its trajectory, for esmini and the tools that read it.
 
 Positions are world positions in the metres of the site, times seconds after the first row of all.  The road
-network is that of a site whose map is OpenDRIVE.  Lost are loads, energy and labels.
-"""
+network is that of a site whose map is OpenDRIVE.  Lost are loads, energy and labels."""
 
 from datetime import UTC, datetime
 from pathlib import Path

@@ -1,9 +1,8 @@
 """The site as an openTCS plant model (XML, version 6.0.0): points, paths, and locations for the places.
 
-Lengths are millimetres.  A path goes one way; a road of both directions is two paths.  A road with bends is a
-chain of straight paths.  Every place is a location with the operation of its kind, linked to the point on the
-road from which it is reached.  Source: the schema of the openTCS project.
-"""
+Lengths are millimetres.  A path goes one way; a road of both directions is two paths.  A road with bends is
+a chain of straight paths.  Every place is a location with the operation of its kind, linked to the point on
+the road from which it is reached.  Source: the schema of the openTCS project."""
 
 import math
 from collections import defaultdict

@@ -2,8 +2,7 @@
 
 ``x, y`` are the site frame's metres, as in the network that ``sumo-net`` writes; ``angle`` is clockwise from
 north; ``lane`` is lane 0 of the matched edge.  ``time`` counts from the dataset's start, which stands in a
-comment so that an import gets the true times back.
-"""
+comment so that an import gets the true times back."""
 
 import math
 from collections import defaultdict

@@ -3,8 +3,7 @@
 A directed edge is an edge of one lane on the same line; what may follow it is a connection.  There are no
 lanes inside junctions: a vehicle passes from edge to edge at once.  Where two connections cross or merge the
 earlier one in the file has the right of way.  An edge without a speed limit gets ``DEFAULT_SPEED``.
-https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html
-"""
+https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html"""
 
 import re
 from collections import Counter, defaultdict

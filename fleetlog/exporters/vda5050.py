@@ -2,8 +2,7 @@
 
 Every row is a message of its vehicle; what a dataset cannot know (orders, actions, errors) is empty, and
 without a state of charge, which the standard requires, there is no power supply.  Lost are ambient
-temperature, fork height, power and the log's own columns.
-"""
+temperature, fork height, power and the log's own columns."""
 
 import json
 from collections import Counter

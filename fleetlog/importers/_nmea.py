@@ -1,7 +1,6 @@
 """A receiver's bytes cut into NMEA sentences and UBX messages, and what each says of a fix.
 
-Sentences are read by pynmeagps; UBX and its NAV-PVT: u-blox M10 interface description (UBX-21035062).
-"""
+Sentences are read by pynmeagps; UBX and its NAV-PVT: u-blox M10 interface description (UBX-21035062)."""
 
 import re
 import struct

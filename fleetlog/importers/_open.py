@@ -1,7 +1,6 @@
 """Files as bytes, whether packed or not, and the report of what a file turned out to hold.
 
-A packed file that is cut off or broken gives what is whole.
-"""
+A packed file that is cut off or broken gives what is whole."""
 
 import io
 import struct

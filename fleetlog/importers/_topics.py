@@ -1,8 +1,7 @@
 """From topics to vehicles: which topic says where which truck is, which adds its battery.
 
 ROS transforms (/tf, /tf_static) give the pose of every robot's base in the frame at the root of its tree.
-Frames are named as REP 105 has them; a name in front (``robot1/base_link``) is the vehicle's.
-"""
+Frames are named as REP 105 has them; a name in front (``robot1/base_link``) is the vehicle's."""
 
 import math
 from collections import Counter, defaultdict

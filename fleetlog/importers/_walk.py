@@ -1,8 +1,7 @@
 """Binary recordings, walked in the order of the file: verify every record, resume behind damage, count.
 
 No index is needed: a file that was cut off gives all that is whole.  An index at its end says where to go on
-behind damage and how many messages there must be.
-"""
+behind damage and how many messages there must be."""
 
 import struct
 from abc import ABC, abstractmethod

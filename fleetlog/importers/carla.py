@@ -3,8 +3,7 @@
 An information header, then packets of a kind, a length and data, little endian.  Positions are centimetres
 of the Unreal engine, whose y points right and whose angles turn clockwise; here y points left, as in the
 OpenDRIVE map that CARLA drives on.  Times are the recording's date and the seconds of simulation since.
-https://carla.readthedocs.io/en/latest/ref_recorder_binary_file_format/
-"""
+https://carla.readthedocs.io/en/latest/ref_recorder_binary_file_format/"""
 
 import math
 import struct

@@ -1,9 +1,8 @@
 """GeoJSON (RFC 7946): points with a time, or lines with a time for every vertex.
 
-The times of a line stand in its property ``coordTimes`` or ``times`` (or below ``coordinateProperties``), one
-a vertex, as converters of GPX and the tools of Mapbox write them.  Points are read by the names of their
-properties, as a CSV's columns are.
-"""
+The times of a line stand in its property ``coordTimes`` or ``times`` (or below ``coordinateProperties``),
+one a vertex, as converters of GPX and the tools of Mapbox write them.  Points are read by the names of their
+properties, as a CSV's columns are."""
 
 import codecs
 import json

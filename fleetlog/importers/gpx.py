@@ -2,8 +2,7 @@
 
 Waypoints and routes are no motion and are left out, with a note.  ``speed`` [m/s] and ``course`` [degrees]
 may stand in an extension; numbers in other extensions are kept.  A file is one vehicle, named by the file; a
-file that fleetlog wrote names its vehicles by its tracks.
-"""
+file that fleetlog wrote names its vehicles by its tracks."""
 
 from pathlib import Path
 from typing import Any, ClassVar

@@ -1,7 +1,6 @@
 """KITTI poses: twelve numbers a line, the first three rows of a pose; seconds in ``times.txt`` beside it.
 
-Axes are those of the export: x, y on the floor and z up.
-"""
+Axes are those of the export: x, y on the floor and z up."""
 
 import math
 from collections.abc import Iterator

@@ -1,7 +1,6 @@
 """KML: tracks with times (``gx:Track``), and placemarks of a point with a ``TimeStamp``.
 
-Lines without times say where, not when: they are left out.
-"""
+Lines without times say where, not when: they are left out."""
 
 from typing import Any, ClassVar
 

@@ -1,7 +1,6 @@
 """MCAP recordings of Foxglove's and ROS 2's positions and batteries.
 
-Every checksum is verified, sizes are bounded.  https://mcap.dev/spec
-"""
+Every checksum is verified, sizes are bounded.  https://mcap.dev/spec"""
 
 import struct
 import zlib

@@ -1,8 +1,7 @@
 """ASAM MDF 4 measurements (``.mf4``), read by asammdf (the extra ``mf4``).
 
 Channels are recognised by name and unit as the columns of a CSV are.  Channels of one group share their
-times: a group that holds a position gives rows, any other one values at times of its own.
-"""
+times: a group that holds a position gives rows, any other one values at times of its own."""
 
 import gc
 import logging

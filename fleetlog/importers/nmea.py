@@ -2,8 +2,7 @@
 
 All sentences of one moment make one fix, whatever talker they come from.  Dates come from RMC, ZDA and
 NAV-PVT; a fix before the first date gets it in hindsight.  Broken sentences are rejected and counted; other
-ships' AIS messages are left out.
-"""
+ships' AIS messages are left out."""
 
 from collections import Counter
 from collections.abc import Iterator

@@ -1,10 +1,9 @@
 """ASAM OSI traces (``.osi``): messages behind their lengths, 32 bits in little endian.
 
 What kind of message a trace holds stands in its name (``..._gt_...``, as the standard names files); where it
-does not, the first message tells.  In MCAP files, messages of the same kinds are read as topics.
-The classes of the messages come with osi-python (the extra ``osi``).
-https://opensimulationinterface.github.io/osi-antora-generator
-"""
+does not, the first message tells.  In MCAP files, messages of the same kinds are read as topics. The classes
+of the messages come with osi-python (the extra ``osi``).
+https://opensimulationinterface.github.io/osi-antora-generator"""
 
 import math
 import re

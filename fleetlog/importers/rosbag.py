@@ -3,8 +3,7 @@
 Readers of ROS 1 bags that go by the index at the end refuse one that was cut off; here it is walked.
 http://wiki.ros.org/Bags/Format/2.0
 
-The messages are those of :mod:`fleetlog.importers._messages`; ``rosbags`` opens the containers of ROS 2.
-"""
+The messages are those of :mod:`fleetlog.importers._messages`; ``rosbags`` opens the containers of ROS 2."""
 
 import re
 import struct

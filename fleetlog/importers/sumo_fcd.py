@@ -1,9 +1,8 @@
 """SUMO's floating car data (``--fcd-output``), XML: every vehicle at every step.
 
-``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where SUMO was run
-with ``--fcd-output.geo``. ``time`` counts seconds from the start of the simulation, so it is placed at the
-epoch that the file names (fleetlog's exporter writes it) or at 1970.
-"""
+``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where SUMO was
+run with ``--fcd-output.geo``. ``time`` counts seconds from the start of the simulation, so it is placed at
+the epoch that the file names (fleetlog's exporter writes it) or at 1970."""
 
 import re
 from pathlib import Path

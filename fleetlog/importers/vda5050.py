@@ -2,8 +2,7 @@
 
 A line may be the message itself, the message behind its MQTT topic (``mosquitto_sub -v``), or wrapped as
 ``{"topic": ..., "payload": ...}``.  Version 3.0 renamed ``agvPosition``, ``positionInitialized``,
-``batteryState`` and ``batteryCharge``.
-"""
+``batteryState`` and ``batteryCharge``."""
 
 import json
 import math

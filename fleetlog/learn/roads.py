@@ -1,7 +1,6 @@
 """The road graph of a recording: traces gathered on lines, joined to a graph, fitted to the traces.
 
-Beside it how often which road was driven, by whom, on which days, how fast: its evidence.
-"""
+Beside it how often which road was driven, by whom, on which days, how fast: its evidence."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator

@@ -1,8 +1,7 @@
 """All that a report says of one dataset: results of analyses, and the ledger that figures are summed from.
 
 The ledger has one row a truck and quarter of an hour.  Whatever happened is one column, so figures of the
-fleet, of a truck, of a day or of an hour of the day are sums over some of its rows and cannot disagree.
-"""
+fleet, of a truck, of a day or of an hour of the day are sums over some of its rows and cannot disagree."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -147,8 +146,7 @@ def consumption(dataset: Dataset) -> Ledger:
 
     Power is held from each row to the next; a silence longer than ``MAX_GAP`` counts nothing.  What flows
     into the battery while the truck is charged is charged energy, everything else is used (braking returns
-    some).  ``energy_km`` and ``energy_h`` are those with a known power.
-    """
+    some).  ``energy_km`` and ``energy_h`` are those with a known power."""
     days = map(_quarters, spent.joined_days(dataset, (*spent.COLUMNS, "battery_voltage", "battery_current")))
     return pd.concat(days).groupby(level=KEYS).sum().div(pd.Series(UNITS))
 

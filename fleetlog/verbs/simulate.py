@@ -98,8 +98,7 @@ def simulate(
     ...     site="sample/site.toml", truck="sample/truck.toml", vehicles=3, duration="5m", recording=False
     ... )
     >>> fleet.summary["rows"], fleet.dataset.vehicles
-    (900, ['T1', 'T2', 'T3'])
-    """
+    (900, ['T1', 'T2', 'T3'])"""
     asked = SimpleNamespace(**locals())
     from fleetlog.verbs._simulations import answer
 

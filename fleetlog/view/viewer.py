@@ -1,8 +1,7 @@
 """The recording of what a user names: finding it, saying what it holds, showing it.
 
-Without a screen the real viewer opens it and paints by the processor (Mesa lavapipe).  All that fleetlog uses
-of ``rerun.experimental`` is here, because it may change with every release.
-"""
+Without a screen the real viewer opens it and paints by the processor (Mesa lavapipe).  All that fleetlog
+uses of ``rerun.experimental`` is here, because it may change with every release."""
 
 import os
 import socket
@@ -154,15 +153,13 @@ class Patient:
             with ended_after(WAIT, self._process) as silent:
                 while True:
                     try:
-                        return getattr(self._client, name)(*args, **options)
-                    except TimeoutError:
-                        continue
+                        with suppress(TimeoutError):
+                            return getattr(self._client, name)(*args, **options)
                     except ConnectionError:
-                        if silent.is_set():
-                            what = f"the viewer has not answered for {WAIT:.0f} s"
-                            raise ViewerError(what, do="try again when the machine is less busy") from None
-                        do = "see that Vulkan works here (vulkaninfo) and that memory suffices"
-                        raise ViewerError("the viewer ended by itself", do=do) from None
+                        late = f"has not answered for {WAIT:.0f} s", "try again when the machine is less busy"
+                        ended = "ended by itself", "see that Vulkan works here and that memory suffices"
+                        what, do = late if silent.is_set() else ended
+                        raise ViewerError(f"the viewer {what}", do=do) from None
 
         return ask
 
@@ -170,18 +167,18 @@ class Patient:
 @contextmanager
 def ended_after(seconds: float, process: subprocess.Popen[bytes]) -> Iterator[threading.Event]:
     """Kill the viewer after so long, and set the event: Rerun's client waits for a frozen one for ever."""
-    silent, done = threading.Event(), threading.Event()
+    silent = threading.Event()
 
-    def watch() -> None:
-        if not done.wait(seconds):
-            silent.set()
-            process.kill()
+    def end() -> None:
+        silent.set()
+        process.kill()
 
-    threading.Thread(target=watch, daemon=True).start()
+    timer = threading.Timer(seconds, end)
+    timer.start()
     try:
         yield silent
     finally:
-        done.set()
+        timer.cancel()
 
 
 def span(client: Any) -> tuple[int, int]:
@@ -222,9 +219,8 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
             with ended_after(WAIT, process) as silent:
                 while not opened:
                     if process.poll() is not None:
-                        late = f" in {WAIT:.0f} s" if silent.is_set() else ""
-                        do = "see that Vulkan works here (vulkaninfo)"
-                        raise ViewerError(f"the viewer did not open {rrd}{late}", do=do)
+                        what = f"the viewer did not open {rrd}{f' in {WAIT:.0f} s' * silent.is_set()}"
+                        raise ViewerError(what, do="see that Vulkan works here (vulkaninfo)")
                     time.sleep(0.1)
                     with suppress(ConnectionError, TimeoutError):
                         client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")

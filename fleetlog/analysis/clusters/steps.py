@@ -7,8 +7,7 @@ At each step the trucks are vertices of a directed graph whose weights are short
 
 Clusters are the weakly connected components of the arcs with d <= threshold: the finest partition that is
 closed under "a truck belongs to the cluster of any truck that it can reach within the threshold".  A cluster
-of two or more is critical where its mean speed is under the limit.
-"""
+of two or more is critical where its mean speed is under the limit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -7,8 +7,7 @@ i -> j is column-stochastic; with damping alpha and teleport v the rank solves
 
 where a marks dangling vertices (left without a counted move) and w = v takes their mass.  Two identities
 decide what such a rank can say (both are tests): on closed trajectories the stationary vector of the flow
-matrix *is* the share of visits, and with v equal to that share it is so for every alpha.
-"""
+matrix *is* the share of visits, and with v equal to that share it is so for every alpha."""
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -52,9 +51,8 @@ class Unit:
     """What one vehicle did on one day, per road vertex (n,); left out in turn to test stability.
 
     Of standstills of at least the shortest useful time: seconds ``standing``, the same weighted by the
-    urgency of the state of charge, and ``spells`` with urgency (vertex, -1 off the map; start, end in us) for
-    the number of plugs.  ``loading`` counts changes of the payload.
-    """
+    urgency of the state of charge, and ``spells`` with urgency (vertex, -1 off the map; start, end in us)
+    for the number of plugs.  ``loading`` counts changes of the payload."""
 
     vehicle: str
     day: int
