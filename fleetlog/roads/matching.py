@@ -8,9 +8,8 @@ fixed-interval smoother on the route places the rows:
 3. emission: lateral distance, direction of motion, axis of the log's heading; transition: |network distance -
    travelled distance|, where turns and one-way roads are the network's; beside them one state "off the
    roads";
-4. Viterbi chooses, forward-backward weighs;
-5. the chosen candidates become routes, and the rows of each are smoothed along it.
-"""
+4. Viterbi chooses, forward-backward weighs; 5. the chosen candidates become routes, and the rows of each are
+smoothed along it."""
 
 import math
 from dataclasses import dataclass, replace

@@ -38,8 +38,7 @@ class Router:
     -----
     A* over directed edges (Hart, Nilsson and Raphael 1968) with the straight-line time at the highest speed
     as the lower bound.  Equal costs are decided by edge number: the same question has the same answer on
-    every machine.
-    """
+    every machine."""
 
     def __init__(self, network: Network, speed: Floats | None = None, turn_time: float = 0.0) -> None:
         limit = network.speed_limit if speed is None else np.asarray(speed, dtype=np.float64)
@@ -92,8 +91,7 @@ def _astar(
 
     ``cost[i]`` is that of driving all of edge i, ``turn_cost[k]`` that of the turn next_edges[k],
     ``bound[j]`` never more than the cost from the start of edge j to that of the target (consistent: the
-    first arrival is the best).  Among equal costs the predecessor with the lower number wins.
-    """
+    first arrival is the best).  Among equal costs the predecessor with the lower number wins."""
     edges = len(cost)
     best = np.full(edges, np.inf)
     came = np.full(edges, -1, dtype=np.int32)

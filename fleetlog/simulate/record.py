@@ -126,8 +126,7 @@ class Recorder:
     Height is known of hilly sites, voltage and current by a battery's chemistry.  Power of a row is the mean
     over the ``every`` steps around it, so that power times the time between rows adds up to the energy.
     Groups are written in turn, each by one thread at a time: the same bytes whatever the number of threads.
-    Leaving the block without :meth:`flush` gives up what is not written.
-    """
+    Leaving the block without :meth:`flush` gives up what is not written."""
 
     def __init__(
         self, writer: DatasetWriter, names: list[str], world: World, settings: Settings, steps: int,

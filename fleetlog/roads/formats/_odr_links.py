@@ -2,8 +2,7 @@
 
 Links name neighbours in the direction of s, not of travel.  Written as a graph of *lane ends* they need no
 case for left lanes, left-hand traffic or reference lines that meet head to head: an edge leaves at one lane
-end, and may be followed by every edge that enters at a lane end which touches it.
-"""
+end, and may be followed by every edge that enters at a lane end which touches it."""
 
 from collections import defaultdict
 from collections.abc import Iterator

@@ -1,10 +1,9 @@
 """Roads as GeoJSON (RFC 7946): LineStrings in degrees, a third coordinate being the height.
 
-Properties: ``id``, optionally ``from`` and ``to`` (nodes), ``oneway`` (default false), ``speed_limit`` [m/s],
-``width`` [m].  A two-way road ``r`` becomes the edges ``r`` and ``-r``.  Where no road names its nodes, ends
-that coincide are one node, and a road is split, as ``r:0``, ``r:1`` ..., at an inner vertex where another
-road has a vertex too.
-"""
+Properties: ``id``, optionally ``from`` and ``to`` (nodes), ``oneway`` (default false), ``speed_limit``
+[m/s], ``width`` [m].  A two-way road ``r`` becomes the edges ``r`` and ``-r``.  Where no road names its
+nodes, ends that coincide are one node, and a road is split, as ``r:0``, ``r:1`` ..., at an inner vertex
+where another road has a vertex too."""
 
 import difflib
 import math

@@ -1,9 +1,8 @@
 """GraphML as OSMnx writes it: a street network of nodes with x, y and edges with an optional LINESTRING.
 
-An edge that has a twin along the same line in the other direction makes one two-way road ``u_v_key`` with the
-edges ``u_v_key`` (as OSM digitised it) and ``-u_v_key``.  Speed is ``maxspeed``, else OSMnx's imputed
-``speed_kph``; heights come from node ``elevation`` where every node has one.
-"""
+An edge that has a twin along the same line in the other direction makes one two-way road ``u_v_key`` with
+the edges ``u_v_key`` (as OSM digitised it) and ``-u_v_key``.  Speed is ``maxspeed``, else OSMnx's imputed
+``speed_kph``; heights come from node ``elevation`` where every node has one."""
 
 import math
 import re

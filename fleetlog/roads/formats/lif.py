@@ -3,8 +3,7 @@
 Edges are directed and keep their ids, for VDA 5050 logs name them.  A ``trajectory`` (NURBS) gives an edge
 its line, else it is straight.  Stations become places where a node's actions tell their kind.  Several
 layouts are kept in one network; a transition between floors is an edge.  Source: VDMA, LIF 1.0.0 (March
-2024) and the draft of 2.0.0 (January 2026), section 8.3.
-"""
+2024) and the draft of 2.0.0 (January 2026), section 8.3."""
 
 import math
 from collections import defaultdict

@@ -3,8 +3,7 @@
 A navigation graph is in metres, a lane directed.  A building is drawn in pixels, y down: its measurements
 give the scale, and a lane is two-way where it says so.  Several levels are kept in one network, their nodes
 and places named ``LEVEL/...`` where there are more than one.  Chargers, parking spots, dispensers (pick) and
-ingestors (drop) become places.  Source: the tools of github.com/open-rmf/rmf_traffic_editor.
-"""
+ingestors (drop) become places.  Source: the tools of github.com/open-rmf/rmf_traffic_editor."""
 
 import math
 from pathlib import Path

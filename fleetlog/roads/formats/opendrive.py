@@ -3,8 +3,7 @@
 Read: plan view (line, arc, spiral, poly3, paramPoly3), elevation, superelevation, lane offset, widths and
 borders, lane links, junctions (direct ones too), rule (RHT, LHT), lane directions, speeds, geoReference with
 the offset of the header.  Left out: virtual junctions, road shape and surface, objects, signals, railroads,
-included files.
-"""
+included files."""
 
 import math
 import re

@@ -3,8 +3,7 @@
 A path is an edge from its source to its destination, and ``-PATH`` the other way round where it may be
 driven in reverse; a locked path is left out.  ``length`` and control points of a layout may differ from the
 straight line: the drawing of a layout is no measure of the floor, so the line is straight.  Locations become
-places by the operations that their type allows.  Source: the schemas of the openTCS project.
-"""
+places by the operations that their type allows.  Source: the schemas of the openTCS project."""
 
 import math
 from dataclasses import replace

@@ -5,9 +5,8 @@ A way ``123`` that meets no other in its middle is the road ``123``, else its pa
 
 Lanelet2 maps are OSM XML whose relations are lanelets, read by that library (the extra ``lanelet2``).  A
 lanelet that vehicles may use is an edge along its centre line, one that goes both ways two; lanelets follow
-one another where they share the end points of both bounds.  Positions are the latitudes and longitudes of the
-file.  Limits are those that the map states; changes between lanes are left out.
-"""
+one another where they share the end points of both bounds.  Positions are the latitudes and longitudes of
+the file.  Limits are those that the map states; changes between lanes are left out."""
 
 import math
 import re
