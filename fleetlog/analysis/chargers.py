@@ -61,8 +61,8 @@ def chargers(
     truck : truck file, or name of a preset; for --metric energy and --check.
     check : simulate the plan: the same tasks, before and after.
     vehicles : trucks in the simulation; by default as many as recorded.
-    duration : of the simulation: 8h, 90m.
-    seed : of the simulation.
+    duration : simulated time: 8h, 90m.
+    seed : seed of the simulation.
     soc : state of charge at the start of the simulation.
     """
     if truck is None and (check or metric == "energy"):
@@ -84,7 +84,7 @@ def chargers(
     choice = plan.choose(weighed, q)
     summary = summarise(units, q, weighed, choice) | {"stability": plan.stability(units, choice, q)}
     sites = site_table(units, q, weighed, choice)
-    sites["existing"] = _standing(dataset, sites, demand)
+    sites = _kept(dataset, sites, demand)
     if check and truck is not None:
         fleet = Settings(vehicles or len(dataset.vehicles), seconds(duration), seed=seed, soc=soc)
         summary["check"] = try_plan(dataset, sites, truck, fleet)
@@ -111,11 +111,14 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
     return np.array(sorted(set(out)), dtype=np.int64)
 
 
-def _standing(dataset: Dataset, sites: pd.DataFrame, demand: plan.Demand) -> list[str]:
-    """The site's chargers that stand where one is chosen: these are kept, not built a second time."""
+def _kept(dataset: Dataset, sites: pd.DataFrame, demand: plan.Demand) -> pd.DataFrame:
+    """The sites with the chargers that stand there: these are kept, where they are, not built twice."""
     present = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
-    spots = zip(sites["x"], sites["y"], strict=True)
-    return [", ".join(p.id for p in present if np.hypot(p.x - x, p.y - y) <= NEAR) for x, y in spots]
+    spots = list(zip(sites["x"], sites["y"], strict=True))
+    near = [[p for p in present if np.hypot(p.x - x, p.y - y) <= NEAR] for x, y in spots]
+    at = [(p[0].x, p[0].y) if p else xy for p, xy in zip(near, spots, strict=True)]
+    x, y = np.array(at).reshape(-1, 2).T
+    return sites.assign(x=x, y=y, existing=[", ".join(p.id for p in own) for own in near])
 
 
 def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> list[Shape]:

@@ -18,7 +18,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 from fleetlog.physics.battery import BatteryModel, battery_of
-from fleetlog.physics.power import Physics
+from fleetlog.physics.power import Physics, cause
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 
@@ -28,7 +28,7 @@ OF_STRETCH = ["from", "to", "joules_per_metre"]
 MOST_POINTS = 2000  # Of a curve over time
 COLUMNS = (
     "x", "y", "z", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
-    "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature",
+    "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature", "charging",
 )  # fmt: skip
 SAID = {
     "power": "the power channel", "voltage and current": "voltage times current",
@@ -47,7 +47,7 @@ def energy(
     ----------
     physics : physics that diagnose found (model.toml or its folder); the nominal model by default.
     shifts : hours of the day (UTC) at which shifts begin.
-    chemistry : of the battery: shape of its voltage over the state of charge.
+    chemistry : chemistry of the battery, which shapes its voltage over the state of charge.
     """
     if not dataset.rows:
         raise DataError(f"{dataset.path} has no rows")
@@ -62,7 +62,7 @@ def energy(
     total = segments.filter(like="J_").sum().abs().sort_values(ascending=False, kind="stable")
     terms = [name.removeprefix("J_") for name in total.index]
     others = segments.columns.difference(total.index, sort=False)
-    segments = of.with_soc(segments[[*others, *total.index]], truck)
+    segments = segments[[*others, *total.index]]
     segments["shift"] = of.shift_names(segments["hour"], sorted(shifts))
     segments["hour"], segments["all"] = pd.to_datetime(segments["hour"], unit="us", utc=True), "all"
     keys = {
@@ -113,22 +113,21 @@ def _sources(physics: Physics) -> list[str]:
 def _lines(s: dict[str, Any]) -> list[str]:
     per_km = f", {s['kwh_per_km']:.3f} kWh/km" if np.isfinite(s["kwh_per_km"]) else ""
     trips, trucks = count(s["trips"], "trip"), count(s["vehicles"], "truck")
-    causes = {t.replace("_", " "): kwh for t, kwh in s["ledger_kwh"].items() if abs(kwh) >= 0.005}
-    shares = ", ".join(f"{cause} {kwh:.2f}" for cause, kwh in causes.items())
+    causes = {t: kwh for t, kwh in s["ledger_kwh"].items() if abs(kwh) >= 0.005}
+    shares = ", ".join(f"{cause(t)} {kwh:.2f}" for t, kwh in causes.items())
     auxiliary = s["auxiliary_share"]
     loads = f"; auxiliary loads take {percent(auxiliary)}" if np.isfinite(auxiliary) else ""
     out = [
-        f"{trips} of {trucks} took {s['energy_kwh']:.2f} kWh"
-        f" (95 % interval ± {1.96 * s['deviation_kwh']:.2f}): {s['distance_km']:.1f} km"
-        f" in {s['duration_h']:.1f} h{per_km}.",
+        f"The truck model gives {s['energy_kwh']:.2f} kWh (95 % interval ± {1.96 * s['deviation_kwh']:.2f})"
+        f" for {trips} of {trucks}: {s['distance_km']:.1f} km in {s['duration_h']:.1f} h{per_km}.",
         f"Breakdown in kWh: {shares}.",
         f"Recovered: {s['regenerated_kwh'] + 0.0:.2f} kWh; highest power {s['peak_power_kw']:.1f} kW{loads}.",
     ]
     if np.isfinite(s["measured_kwh"]) and s["measured_kwh"]:
-        share = s["difference_kwh"] / s["measured_kwh"]
+        share = round(100.0 * s["difference_kwh"] / s["measured_kwh"], 1) + 0.0  # No -0.0
         out.append(
             f"Where energy was measured: {s['measured_kwh']:.2f} kWh measured, "
-            f"{s['model_beside_measured_kwh']:.2f} kWh modelled ({100.0 * share:+.1f} %)."
+            f"{s['model_beside_measured_kwh']:.2f} kWh modelled ({share:+.1f} %)."
         )
     if s["collapsed_s"] > 0.0:
         out.append(
@@ -150,7 +149,7 @@ def _shapes(bins: pd.DataFrame, ledger: dict[str, float], edges: pd.DataFrame) -
     if len(edges):
         edge, (start, end, value) = edges["edge"].to_numpy(np.int32), edges[OF_STRETCH].to_numpy(float).T
         shapes.append(EdgeValues("energy_per_metre", edge, start, end, value, "energy [J/m]"))
-    kwh, causes = np.array([*ledger.values()]), tuple(t.replace("_", " ") for t in ledger)
+    kwh, causes = np.array([*ledger.values()]), tuple(map(cause, ledger))
     return [*shapes, Bars("energy by cause", causes, kwh, "energy [kWh]"), *_curves(bins, [*ledger])]
 
 
@@ -164,7 +163,7 @@ def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> list[Shape]:
         return np.bincount(inverse, bins[name], len(keys)) / (width * 1e-6) / 1000.0
 
     middle, axes = keys * width + width // 2, ("time", "power [kW]")
-    rows = {t: mean(f"J_{t}") for t in terms}
+    rows = {cause(t): mean(f"J_{t}") for t in terms}
     out: list[Shape] = [Series("power by cause", middle, rows, *axes, over_time=True, stacked=True)]
     known = mean("known") > 0.0
     if known.any():

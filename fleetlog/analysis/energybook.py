@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fleetlog.analysis.utilisation import charging
 from fleetlog.calibrate.fit import UNKNOWNS
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.motion import Motion
@@ -28,7 +29,7 @@ Columns = dict[str, Any]
 KWH = 3.6e6
 SUMS = (
     "seconds", "metres", "kilogram_metres", "returned", "traction", "braking", "loss", "measured",
-    "beside_measured", "raising", "motion_variance", "collapsed", "empty",
+    "beside_measured", "charged", "raising", "motion_variance", "collapsed", "empty",
 )  # fmt: skip
 ENDS = {
     "peak": "max", "lowest": "min", "start": "min", "end": "max", "soc_start": "first", "soc_end": "last",
@@ -43,9 +44,9 @@ class Book:
 
     segments : a row a trip and hour, in order of time.  Of the sums ``returned`` flowed back into the
         battery; ``traction`` and ``braking`` are drive energy where the wheels push and are pushed;
-        ``beside_measured`` is the model where there is a measurement; ``raising`` is lifting alone.  ``peak``
-        is the highest power [W], ``lowest`` the lowest voltage [V] of the model's battery, ``source`` what
-        the measured energy was taken from.
+        ``beside_measured`` is the model where there is a measurement; ``charged`` is what a charger gave
+        (no other sum has it); ``raising`` is lifting alone.  ``peak`` is the highest power [W], ``lowest``
+        the lowest voltage [V] of the model's battery, ``source`` what the measured energy was taken from.
     stretches : a row an edge and ``number`` of the stretch on it.
     zones : a row a zone of the site.
     bins : a row a ``BIN`` of time [us]; ``known`` are the seconds with a measurement."""
@@ -73,41 +74,48 @@ def keep_book(
     trajectory: Trajectory, found: Reconstruction, physics: Physics, site: Site, battery: BatteryModel
 ) -> Book:
     """The sums of some trips of one vehicle from the motion ``found`` in them."""
-    fine, dt, measured = found.motion, found.dt_row, measured_power(trajectory)
+    fine, dt, power = found.motion, found.dt_row, measured_power(trajectory)
     truck, metres, nothing = physics.actual_truck, fine.speed * fine.dt, np.zeros(len(dt))
-    known = np.isfinite(measured)
+    source, soc = _source(trajectory, np.isfinite(power)), trajectory.floats("soc")
+    level = pd.Series(soc).ffill().to_numpy(float)
+    gauge = -np.diff(level, append=level[-1:]) * truck.battery.capacity_wh * 3600.0
+    taken, plugged = gauge if source == "soc" else power * dt, charging(trajectory)
+    known = np.isfinite(taken) & ~plugged
     forces = term_forces(fine, physics)
-    pieces = {name: watts * fine.dt for name, watts in ledger(fine, physics, forces).items()}
+    # The charger feeds a truck that is plugged in.
+    used = np.where(plugged[found.row], 0.0, fine.dt)
+    pieces = {name: watts * used for name, watts in ledger(fine, physics, forces).items()}
     joules = {f"J_{name}": found.rows(piece) for name, piece in pieces.items()}
     work = sum(forces.values(), np.zeros(len(fine))) * metres
     whole = sum(joules.values(), nothing)
     total = np.divide(whole, dt, out=nothing.copy(), where=dt > 0.0)
-    time, trip, soc = trajectory.time, trajectory.trip_ids(), trajectory.floats("soc")
+    loss = (cell_power(total, truck) - total) * dt
+    time, trip = trajectory.time, trajectory.trip_ids()
     new = np.append(True, (np.diff(trip) != 0) | (np.diff(time // HOUR) != 0))
     starts = np.flatnonzero(new)
     ends = np.append(starts[1:], len(time)) - 1
-    compared = {
-        "measured": np.where(known, measured, 0.0) * dt,
-        "beside_measured": np.where(known, whole, 0.0),
-    }
+    beside = whole + loss if source == "soc" else whole
+    compared = {"measured": np.where(known, taken, 0.0), "beside_measured": np.where(known, beside, 0.0)}
     sums = {
         "seconds": dt, "metres": found.rows(metres), "kilogram_metres": found.rows(fine.payload * metres),
         "returned": -np.minimum(whole, 0.0),
         "traction": found.rows(np.maximum(work, 0.0)) / truck.drive.efficiency,
         "braking": found.rows(np.minimum(work, 0.0)) * truck.drive.regeneration,
-        "loss": (cell_power(total, truck) - total) * dt,
+        "loss": loss, "charged": np.where(plugged, -np.nan_to_num(taken), 0.0),
         "raising": np.maximum(joules.get("J_lift_efficiency", nothing), 0.0), **compared,
     }  # fmt: skip
     doubt = found.window_variance(lambda m: battery_power(m, physics), (np.cumsum(new) - 1)[found.row])
     segments = {
         "vehicle_id": trajectory.vehicle_id, "trip_id": trip[starts], "hour": time[starts] // HOUR * HOUR,
-        **_reduced(joules | sums, starts), "motion_variance": doubt, "source": _source(trajectory, known),
+        **_reduced(joules | sums, starts), "motion_variance": doubt, "source": source,
         "peak": np.maximum.reduceat(total, starts), "soc_start": soc[starts], "soc_end": soc[ends],
         "start": time[starts], "end": time[ends],
         **_cells(starts, total, dt, soc, trajectory.floats("ambient_temperature"), battery),
     }  # fmt: skip
     bins = np.flatnonzero(np.append(True, np.diff(time // BIN) != 0))
-    over_time = _reduced(joules | compared | {"known": known * dt}, bins)
+    # A gauge steps too coarsely for a curve over time.
+    drawn = {n: v * (source != "soc") for n, v in (compared | {"known": known * dt}).items()}
+    over_time = _reduced(joules | drawn, bins)
     stretches = _by_stretch(fine, sum(pieces.values(), np.zeros(len(fine))), metres)
     inside = [zone.contains(fine.x, fine.y) for zone in site.zones]
     samples = {f"J_{name}": piece for name, piece in pieces.items()} | {"metres": metres, "seconds": fine.dt}
@@ -148,23 +156,6 @@ def _cells(
     return dict(zip(names, np.array(rows, dtype=np.float64).T, strict=True))
 
 
-def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
-    """Take measured energy from the state of charge where nothing else is: of a trip, in its last segment."""
-    only_soc = segments["source"] == "soc"
-    if not only_soc.any():
-        return segments
-    segments = segments.copy()
-    keys = ["vehicle_id", "trip_id"]
-    trips = segments[only_soc].groupby(keys, sort=False)
-    used = (trips["soc_start"].first() - trips["soc_end"].last()) * truck.battery.capacity_wh * 3600.0
-    last = segments[only_soc].drop_duplicates(keys, keep="last").index
-    of_trip = pd.MultiIndex.from_frame(segments.loc[last, keys])
-    segments.loc[last, "measured"] = used.reindex(of_trip).to_numpy()
-    total = segments.filter(like="J_").sum(axis=1) + segments["loss"]
-    segments.loc[only_soc, "beside_measured"] = total[only_soc]
-    return segments
-
-
 def summed(segments: pd.DataFrame, by: list[str], physics: Physics) -> pd.DataFrame:
     """Segments grouped ``by`` columns, in kWh, km and h."""
     add = [c for c in segments.columns if c.startswith("J_") or c in SUMS]
@@ -185,7 +176,8 @@ def summed(segments: pd.DataFrame, by: list[str], physics: Physics) -> pd.DataFr
         "measured_kwh": measured / KWH,
         "model_beside_measured_kwh": (total["beside_measured"] / KWH).where(known),
         "difference_kwh": (total["beside_measured"] - measured) / KWH,
-        "regenerated_kwh": total["returned"] / KWH, "auxiliary_share": auxiliary / energy.where(energy > 0.0),
+        "charged_kwh": total["charged"] / KWH, "regenerated_kwh": total["returned"] / KWH,
+        "auxiliary_share": auxiliary / energy.where(energy > 0.0),
         "battery_loss_kwh": total["loss"] / KWH, "peak_power_kw": total["peak"] / 1000.0,
         "soc_start": total["soc_start"], "soc_end": total["soc_end"], "soc_end_model": total["soc_end_model"],
         "lowest_voltage_v": total["lowest"], "collapsed_s": total["collapsed"], "empty_s": total["empty"],

@@ -61,10 +61,9 @@ def cluster_steps(
 
     Notes
     -----
-    On one edge it is enough to join neighbours in order, and between edges the last truck of the one with the
-    first of the other: any other pair within the limit is then joined through them, since distances along a
-    way only add.
-    """
+    On one edge it is enough to join neighbours in order, and between edges the last truck of the one with
+    the first of the other: any other pair within the limit is then joined through them, since distances
+    along a way only add."""
     steps, trucks = edge.shape
     labels = np.full((steps, trucks), -1, np.int32)
     n = len(length)
@@ -144,8 +143,7 @@ def accumulate(
     Layers: time [s], distance [m], energy [J], standing time [s], passages (times a truck came into the
     cell), and the part of the time in which the power was known [s].  Each interval between two rows is
     spread along the straight line between them in pieces no longer than half a cell, so that sparse sampling
-    leaves no holes; energy takes the mean of both powers where both are known.
-    """
+    leaves no holes; energy takes the mean of both powers where both are known."""
     _, rows, columns = out.shape
     flat = out.reshape(6, rows * columns)
     last = -1

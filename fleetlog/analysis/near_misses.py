@@ -43,11 +43,11 @@ def near_misses(
 
     Parameters
     ----------
-    ttc : times to collision below this count (s).
-    pet : post-encroachment times below this count (s).
-    closing : least speed at which two trucks approach one another (m/s).
-    length : of a truck (m).
-    width : of a truck (m).
+    ttc : times to collision below this count [s].
+    pet : post-encroachment times below this count [s].
+    closing : least speed at which two trucks approach one another [m/s].
+    length : length of a truck [m].
+    width : width of a truck [m].
 
     Returns
     -------

@@ -27,7 +27,7 @@ def speeding(
     Parameters
     ----------
     margin : share of the limit that a truck may exceed it by; logged speeds are a few per cent off.
-    shortest : shorter stretches are ignored (s).
+    shortest : shorter stretches are ignored [s].
 
     Returns
     -------
@@ -61,7 +61,7 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
         return ["No speed limit is known: neither the roads nor the zones of the site have one."]
     margin = f"{100 * s['margin']:.0f} %"
     if not len(table):
-        return [f"No truck drives more than {margin} above the limit for {s['shortest_s']:g} s."]
+        return [f"No truck drives more than {margin} above the limit for {s['shortest_s']:g} s or longer."]
     places = table.groupby("place")["duration"].sum().sort_values(ascending=False, kind="stable")
     times = "once" if len(table) == 1 else f"{len(table)} times"
     return [

@@ -9,6 +9,7 @@ from fleetlog.core.arguments import Between
 from fleetlog.core.result import Bars, Flows, Marks, Result
 from fleetlog.core.words import count
 from fleetlog.errors import DataError
+from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.store import Dataset
 
 JOULES = 3600.0
@@ -31,6 +32,9 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
     real = table[table.distance >= min_distance]
     energy = real.energy.to_numpy(float) / JOULES
     known = np.isfinite(energy) & (energy != 0.0)
+    # What a charger gave is no energy of the trip at whose end the truck was charged.
+    charged = known & ((energy < 0.0) | (real.soc_end - real.soc_start > MIN_CHARGE).to_numpy())
+    known &= ~charged
     payload = real.payload.dropna()
     km = float(real.distance[known].sum()) / 1000.0
     summary: dict[str, Any] = {
@@ -41,6 +45,7 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
         "mean_speed_m_s": float(real.distance.sum() / max(float(real.driving_time.sum()), 1e-9)),
         "energy_wh": float(energy[known].sum()) if known.any() else None,
         "energy_wh_per_km": float(energy[known].sum() / km) if km > 0.0 else None,
+        "trips_charged": int(charged.sum()),
         "laden_share": float(np.mean(payload > 25.0)) if len(payload) else None,
     }  # fmt: skip
     pairs = real.groupby(["from_place", "to_place"], as_index=False).agg(
@@ -72,19 +77,21 @@ def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
 
 
 def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
+    short = f", {n:,} of them only shunting" if (n := s["trips"] - s["trips_driven"]) else ""
     out = [
-        f"{count(s['vehicles'], 'truck')} made {count(s['trips'], 'trip')}: {s['distance_m'] / 1000.0:.1f} km"
-        f" in {s['driving_time_s'] / 3600.0:.1f} h of driving."
+        f"{count(s['vehicles'], 'truck')} made {count(s['trips'], 'trip')}{short}: "
+        f"{s['distance_m'] / 1000.0:.1f} km in {s['driving_time_s'] / 3600.0:.1f} h of driving."
     ]
     if s["mean_distance_m"] is not None:
         out.append(
             f"The mean trip is {s['mean_distance_m']:.0f} m in {s['mean_duration_s']:.0f} s, "
             f"at {s['mean_speed_m_s']:.2f} m/s while driving."
         )
-    if s["energy_wh"] is not None:
+    if s["energy_wh"] is not None and s["energy_wh_per_km"] is not None:
+        left_out = f", without {count(n, 'trip')} to a charger" if (n := s["trips_charged"]) else ""
         out.append(
-            f"Energy: {s['energy_wh'] / 1000.0:.2f} kWh, {s['energy_wh_per_km']:.0f} Wh/km, "
-            "with the stops at the ends."
+            f"Where power is known, trips took {s['energy_wh'] / 1000.0:.2f} kWh, "
+            f"{s['energy_wh_per_km']:.0f} Wh/km, stops included{left_out}."
         )
     for r in pairs.head(5).to_dict("records"):
         if r["from_place"] and r["to_place"]:

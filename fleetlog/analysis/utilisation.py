@@ -22,6 +22,7 @@ from fleetlog.core.result import Bars, Result
 from fleetlog.core.trajectory import Labels, Trajectory, concatenate
 from fleetlog.core.words import listed, percent
 from fleetlog.errors import DataError
+from fleetlog.physics.motion.channels import measured_power
 from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.store import Dataset
 from fleetlog.store.events import read_table
@@ -150,6 +151,13 @@ def row_states(t: Trajectory) -> Ints:
     out[still & _charging(t, first, rows, lasts)] = number["charging"]
     out[silent] = number["no_data"]
     return np.asarray(out, dtype=np.int64)
+
+
+def charging(t: Trajectory) -> Mask:
+    """(N,) whether the battery is charged from each row to the next, and gives nothing meanwhile."""
+    power, soc = measured_power(t), t.floats("soc")
+    gives = np.where(np.isfinite(power), power > 0.0, np.diff(soc, append=soc[-1:]) < 0.0)
+    return np.asarray((row_states(t) == STATES.index("charging")) & ~gives)
 
 
 def _charging(t: Trajectory, first: Ints, rows: Ints, lasts: Floats) -> Mask:

@@ -1,6 +1,6 @@
 """Numbers in sentences: singular and plural, percent as percent."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 
@@ -12,6 +12,13 @@ def count(number: Any, noun: str, plural: str = "") -> str:
 def percent(share: Any, digits: int = 0) -> str:
     """``84 %`` of 0.84."""
     return f"{100.0 * share:.{digits}f} %"
+
+
+def reasons(counts: Mapping[str, int]) -> str:
+    """The most frequent first: ``no time: 7; no position: 2``; one alone without its number."""
+    if len(counts) == 1:
+        return next(iter(counts))
+    return "; ".join(f"{why}: {n:,}" for why, n in sorted(counts.items(), key=lambda i: -i[1]))
 
 
 def listed(parts: Sequence[str]) -> str:

@@ -43,7 +43,7 @@ def drop_duplicates(rows: Trajectory, rejects: Rejects) -> Trajectory:
             array: NDArray[Any] = values.codes if isinstance(values, Labels) else values
             other = array[first]
             same &= (array == other) | ((array != array) & (other != other))
-    rejects.refuse(rows, same, "a duplicate of another row")
+    rejects.refuse(rows, same, "duplicate of another row")
     rejects.refuse(rows, again & ~same, "another row of the vehicle has the same time")
     return rows[~again]
 
@@ -98,7 +98,7 @@ def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
     x, y = rows.floats("x"), rows.floats("y")
     known, gone = np.isfinite(x) & np.isfinite(y), np.zeros(len(rows), bool)
     gone[known] = jump_outliers(x[known], y[known], rows.seconds()[known])
-    rejects.refuse(rows, gone, "an impossible jump of the position")
+    rejects.refuse(rows, gone, "impossible jump of the position")
     return rows[~gone] if gone.any() else rows
 
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fleetlog.core.words import count
+from fleetlog.core.words import count, reasons
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 from fleetlog.importers._open import ReadReport
 from fleetlog.ingest.derive import suspect_unit
@@ -89,19 +89,15 @@ class ImportSummary:
         if self.derived:
             out.append(f"derived: {', '.join(self.derived)}")
         if self.matched is not None:
-            off = "".join(f"; {why}" for why in _most_first(self.off_map))
+            off = f" (the others: {reasons(self.off_map)})" if self.off_map else ""
             out.append(f"{100 * self.matched:.1f} % of the rows are on a road{off}")
         out += self.notes
         for what, counts in (("rejected rows", self.rejected), ("rejected values", self.rejected_values)):
             if counts:
-                out.append(f"{what}: {sum(counts.values()):,} ({'; '.join(_most_first(counts))})")
+                out.append(f"{what}: {sum(counts.values()):,} ({reasons(counts)})")
         if self.rejected_file:
-            out.append(f"they are kept in {self.rejected_file}")
+            out.append(f"what was rejected is kept in {self.rejected_file}")
         return out
-
-
-def _most_first(counts: dict[str, int]) -> list[str]:
-    return [f"{n:,} {reason}" for reason, n in sorted(counts.items(), key=lambda i: -i[1])]
 
 
 def _file_lines(files: list[FileSummary]) -> list[str]:

@@ -120,10 +120,9 @@ def _shift(
     """(N,) metres to the left to the local mean of cells that head alike, and the weight about there.
 
     ``cells`` (5, N) are x, y, cosine and sine of the heading, and weight, by block of ``side`` m, column
-    after column; block b owns ``first[b]`` to ``first[b + 1]``.  ``across`` is the kernel's deviation
-    across the way [m].  With ``either`` the opposite direction counts too, and the kernel is flat up to
-    ``across``: lines farther apart do not pull at one another at all.
-    """
+    after column; block b owns ``first[b]`` to ``first[b + 1]``.  ``across`` is the kernel's deviation across
+    the way [m].  With ``either`` the opposite direction counts too, and the kernel is flat up to ``across``:
+    lines farther apart do not pull at one another at all."""
     x, y, cos, sin, weight = cells
     columns, rows = shape
     out, near = np.zeros(len(x)), np.zeros(len(x))

@@ -29,6 +29,11 @@ def all_terms() -> dict[str, Term]:
     return parts("fleetlog.physics.terms", "TERM")
 
 
+def cause(name: str) -> str:
+    """What the energy of a term is spent on, in words."""
+    return all_terms()[name].cause or name.replace("_", " ")
+
+
 @dataclass(frozen=True)
 class Own:
     """``values[term]`` and ``fields[term]`` of some vehicles, or of some time."""

@@ -99,6 +99,7 @@ class Term:
     statement: str  # What it is, for a fleet engineer; a clause without a full stop
     parameters: tuple[Parameter, ...] = ()
     function: Function | None = None
+    cause: str = ""  # What its energy is spent on, in a breakdown; empty: its name
     nominal: bool = False  # It belongs to the nominal model
     field: bool = False
     """Its first parameter may vary over the road network: its values come per stretch of directed edge."""

@@ -12,6 +12,7 @@ from fleetlog.discovery.report.output import HEADS, shapes
 from fleetlog.discovery.report.words import advice, place
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
+from fleetlog.physics.power import all_terms
 from fleetlog.report.content import Picture, Table, number, render
 from fleetlog.report.facts import Facts
 from fleetlog.view.palette import scales_of
@@ -146,11 +147,17 @@ def _ranking(f: Finding) -> list[tuple[str, str, float, bool]]:
 
 
 def _roads(f: Finding) -> Table | None:
-    edges = (f.where or {}).get("edges") or []
+    edges, term = (f.where or {}).get("edges") or [], all_terms().get(f.term)
+    if not edges:
+        return None
+    # A factor of 2.3 is told so, any other number without a unit as a share.
+    first = term.parameters[0] if term is not None and term.parameters else None
+    name, unit = ("mismatch", "1") if first is None else (first.name, first.unit)
+    factor, unit = (100.0, "%") if unit == "1" and name != "factor" else (1.0, unit)
     rows = [
-        [e["edge_id"], f"{e['from']:.0f} to {e['to']:.0f} m", f"{e['value']:.3g}",
-         f"{e['low']:.3g} to {e['high']:.3g}"]
+        [e["edge_id"], f"{e['from']:.0f} to {e['to']:.0f}",
+         *(f"{factor * e[k]:.3g}" for k in ("value", "low", "high"))]
         for e in edges[:MOST_ROADS]
     ]  # fmt: skip
-    head, right = ["Road", "stretch", "value", "95 % interval"], [False, True, True, True]
-    return Table(head, rows, right, "Where", max(len(edges) - MOST_ROADS, 0)) if rows else None
+    head = ["Road", "stretch [m]", name if unit == "1" else f"{name} [{unit}]", "95 % from", "to"]
+    return Table(head, rows, [False, *[True] * 4], "Where", max(len(edges) - MOST_ROADS, 0))

@@ -146,8 +146,7 @@ def consumption(dataset: Dataset) -> Ledger:
 
     Power is held from each row to the next; a silence longer than ``MAX_GAP`` counts nothing.  What flows
     into the battery while the truck is charged is charged energy, everything else is used (braking returns
-    some).  ``energy_km`` and ``energy_h`` are those with a known power.
-    """
+    some).  ``energy_km`` and ``energy_h`` are those with a known power."""
     days = map(_quarters, spent.joined_days(dataset, (*spent.COLUMNS, "battery_voltage", "battery_current")))
     return pd.concat(days).groupby(level=KEYS).sum().div(pd.Series(UNITS))
 
@@ -159,7 +158,7 @@ def _quarters(t: Trajectory) -> Ledger:
     watts = measured_power(t)
     known = np.isfinite(watts)
     kwh = np.where(known, watts, 0.0) * dt / 3.6e6
-    charging = spent.row_states(t) == spent.STATES.index("charging")
+    charging = spent.charging(t)
     metres = np.nan_to_num(t.floats("speed")) * dt
     energy = np.where(charging, 0.0, kwh), np.where(charging, -kwh, 0.0)
     rows = pd.DataFrame(dict(zip(UNITS, (metres, known * metres, known * dt, *energy), strict=True)))
@@ -178,11 +177,11 @@ def _energy(facts: Facts) -> Ledger:
     model = facts.results["energy"].tables["energy_trips"]
     model = model[~model["vehicle_id"].isin(measured)]
     gauge = model["measured_kwh"]
-    used = gauge.where(gauge > 0.0, model["energy_kwh"].where(gauge.isna(), 0.0))
+    used = gauge.fillna(model["energy_kwh"])
     known = gauge.notna().groupby(model["vehicle_id"]).any()
     facts.energy_from |= {str(v): "state of charge" if yes else "model" for v, yes in known.items()}
     extra = {"energy_km": model["distance_km"], "energy_h": model["duration_h"], "used_kwh": used,
-             "charged_kwh": (-gauge).clip(lower=0.0).fillna(0.0)}  # fmt: skip
+             "charged_kwh": model["charged_kwh"]}  # fmt: skip
     return pd.concat([out, *(_summed(name, model, values) for name, values in extra.items())])
 
 

@@ -142,6 +142,11 @@ class Row:
     values: list[float]
     difference: Difference | None
 
+    def signed(self, value: float) -> str:
+        """A difference, to as many decimals as the page shows of the values."""
+        digits = max(len(self.figure.shown(v).partition(".")[2]) for v in self.values)
+        return f"{round(value, digits) + 0.0:+,.{digits}f}" if np.isfinite(value) else "–"
+
 
 def rows_of(facts: Sequence[Facts]) -> list[Row]:
     """Every figure that one of the datasets has; the unit of money is the tariff's."""
@@ -178,11 +183,10 @@ def _told(row: Row) -> list[str]:
     """The difference, and whether it is more than chance."""
     d = row.difference
     if d is None:
-        plain = row.values[-1] - row.values[0]
-        return [f"{plain:+.3g}" if np.isfinite(plain) else "–", ""]
+        return [row.signed(row.values[-1] - row.values[0]), ""]
     if not any(row.values):
         return ["–", ""]
-    text = f"{d.difference:+.2g} ({d.low:+.2g} to {d.high:+.2g})"
+    text = f"{row.signed(d.difference)} ({row.signed(d.low)} to {row.signed(d.high)})"
     return [text, f"significant, {d.chance}" if d.significant else "within chance"]
 
 
@@ -196,7 +200,9 @@ def changes(rows: list[Row], names: list[str]) -> list[str]:
             first, second = row.values
             how = "rose" if second > first else "fell"
             by = f" by {percent(abs(second / first - 1.0))}" if first else ""
-            way = f"{how}{by} from {a} in {names[0]} to {b} in {names[1]}"
+            if unit == "%":
+                by = f" by {abs(second - first):.1f} percentage points"
+            way = f"{how}{by}, from {a} in {names[0]} to {b} in {names[1]}"
             out.append(f"{row.figure.label} {way} ({row.difference.chance}).")
     judged = sum(row.difference is not None for row in rows)
     if not judged:

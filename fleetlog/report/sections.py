@@ -8,7 +8,8 @@ import pandas as pd
 
 from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
-from fleetlog.core.words import count, listed
+from fleetlog.core.words import count, listed, reasons
+from fleetlog.physics.power import cause
 from fleetlog.report.content import Part, number, picture, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
@@ -126,8 +127,8 @@ def energy_part(f: Facts) -> Part:
     part = Part([], [table(trucks, ENERGY, f"Energy by truck{money}")])
     if not known.all():
         part.lines.append(
-            f"The energy of {', '.join(trucks.loc[~known, 'vehicle_id'])} is unknown: the log has no power "
-            "channel. With --truck it is that of the truck's model."
+            f"The energy of {listed(trucks.loc[~known, 'vehicle_id'].tolist())} is unknown: the log has no "
+            "power channel. Give --truck to add that of the truck's model."
         )
     if "energy" in f.results:
         part.lines += _model_lines(f, f.results["energy"])
@@ -141,15 +142,13 @@ def energy_part(f: Facts) -> Part:
 
 def _model_lines(f: Facts, result: Result) -> list[str]:
     causes = sorted(((k, v) for k, v in result.summary["ledger_kwh"].items() if v), key=lambda i: -abs(i[1]))
-    said = ", ".join(f"{k.replace('_', ' ')} {v:.2f} kWh" for k, v in causes[:4])
+    said = ", ".join(f"{cause(k)} {v:.2f} kWh" for k, v in causes[:4])
     total = result.summary["energy_kwh"]
-    out = [f"The truck model's energy of all trucks, {total:.2f} kWh, is mostly {said}."]
-    trucks = result.tables["energy_vehicles"]
-    trucks = trucks[trucks["vehicle_id"].map(f.energy_from) == "power"]
-    measured, model = (float(trucks[c].sum()) for c in ("measured_kwh", "model_beside_measured_kwh"))
+    out = [f"The truck model gives {total:.2f} kWh for all trucks, most of it {said}."]
+    measured, model = (result.summary[k] for k in ("measured_kwh", "model_beside_measured_kwh"))
     if measured > 0.0:
         more = f"{100.0 * abs(model / measured - 1.0):.1f} % {'more' if model > measured else 'less'}"
-        out.append(f"Where power is recorded, the model gives {more} than was measured.")
+        out.append(f"Where energy was measured, the model gives {more}.")
     return out
 
 
@@ -265,10 +264,8 @@ def _imported(dataset: Dataset) -> list[str]:
         return ["The data are simulated: nothing is missing and nothing was rejected."]
     out = [f"{count(dataset.rows, 'row')} of {count(len(s.get('files') or []), 'file')}."]
     for key, what in (("rejected", "row"), ("rejected_values", "value")):
-        reasons = s.get(key) or {}
-        if reasons:
-            why = "; ".join(f"{n:,} {reason}" for reason, n in sorted(reasons.items(), key=lambda i: -i[1]))
-            out.append(f"{count(sum(reasons.values()), what)} rejected: {why}.")
+        if why := s.get(key):
+            out.append(f"{count(sum(why.values()), what)} rejected ({reasons(why)}).")
     if s.get("matched") is not None:
         out.append(f"{100.0 * float(s['matched']):.1f} % of the rows are on a road.")
     return out

@@ -121,8 +121,7 @@ def _find(
 
     One candidate an edge: its nearest point; beyond an end the lateral distance is the whole one.  Begins at
     position ``begin`` and returns where it ended: at the first for which ``out`` has no room, or after the
-    last.  ``near_k`` (K,) and ``near`` (2, K) are for the K nearest lines of one position.
-    """
+    last.  ``near_k`` (K,) and ``near`` (2, K) are for the K nearest lines of one position."""
     px, py, dist = roads.px, roads.py, roads.dist
     ptr, edge, value = out
     total = ptr[begin]

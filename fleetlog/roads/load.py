@@ -77,8 +77,7 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
     With it comes a report for every map that was read.  A map in degrees without a site file gets a frame
     about its centre, rotation 0.  Local metres stay as they are, with the frame of the map's geoReference;
     without one the site has no frame.  :class:`SiteError` says in one line which file, where in it, what is
-    wrong and what to do.
-    """
+    wrong and what to do."""
     path = Path(path)
     if path.is_dir():
         path = path / "site.toml"

@@ -87,8 +87,7 @@ def _astar(
 
     ``cost[i]`` is that of driving all of edge i, ``turn_cost[k]`` that of the turn next_edges[k],
     ``bound[j]`` never more than the cost from the start of edge j to that of the target (consistent: the
-    first arrival is the best).  Among equal costs the predecessor with the lower number wins.
-    """
+    first arrival is the best).  Among equal costs the predecessor with the lower number wins."""
     edges = len(cost)
     best = np.full(edges, np.inf)
     came = np.full(edges, -1, dtype=np.int32)

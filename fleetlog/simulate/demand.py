@@ -61,8 +61,7 @@ def demand_like(
     Each hour has a Poisson number of tasks: the recorded mean of that hour of day (of the whole recording
     where it was not recorded; ``hours`` (24,) says how many were), times ``share``, trucks over recorded.
     Each is one recorded task within ``JITTER`` of its time of day, so that places, loads, dwells and lulls
-    keep their joint distribution; at any time where less of the hour was recorded than is simulated.
-    """
+    keep their joint distribution; at any time where less of the hour was recorded than is simulated."""
     rng = np.random.Generator(np.random.PCG64([seed, 7]))
     hour = np.array([int(t.earliest // 3600) % 24 for t in carried_tasks])
     mean = len(carried_tasks) / max(float(hours.sum()), 1e-9)

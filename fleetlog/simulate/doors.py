@@ -1,7 +1,6 @@
 """The ways into a bay: from its own lane, and across it from the opposite one, to turn round.
 
-Where recorded trucks stop along the road there is room beside them: no bay is drawn, and others pass.
-"""
+Where recorded trucks stop along the road there is room beside them: no bay is drawn, and others pass."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,8 +32,7 @@ class Door:
     It leaves ``lane`` at ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature leads from there into bay
     number ``bay``, ``length`` [m]; a truck on it can be met on the lane up to ``ahead`` [m] past ``at``.  It
     crosses lane ``crosses`` (-1: none): no truck there is between ``low`` and ``high`` [m] meanwhile.
-    ``passed``: it leads to a spot along the road, where others pass who stands.
-    """
+    ``passed``: it leads to a spot along the road, where others pass who stands."""
 
     lane: int
     at: float

@@ -2,9 +2,8 @@
 excludes what.
 
 A *resource* is a part of the track that only some trucks may be on at a time.  With P pieces and E lanes: a
-connector or a lane without a safe part is resource p (its own number); the last metres of a lane are resource
-P + lane, the first ones P + E + lane; spur k of a place is P + 2 E + k.
-"""
+connector or a lane without a safe part is resource p (its own number); the last metres of a lane are
+resource P + lane, the first ones P + E + lane; spur k of a place is P + 2 E + k."""
 
 from dataclasses import dataclass
 

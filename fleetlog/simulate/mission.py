@@ -50,8 +50,7 @@ def replay(
 
     Rows come at the recorded interval.  Loads, fork heights, charging and temperature are the recorded ones,
     shifted to the simulated arrival; where a trip takes longer than it took, the next one sets off later.
-    ``together`` the trucks keep to their lanes and wait for one another.
-    """
+    ``together`` the trucks keep to their lanes and wait for one another."""
     replays = _replays(dataset, truck, writer, physics or Physics(truck), together)
     lost, past = None, None
     if together:

@@ -33,10 +33,9 @@ MAJORITY = 0.3  # A place where loads (or charge) change in more than this share
 class Stands:
     """N standstills of all trucks, in order of vehicle and time.
 
-    ``vehicle`` codes; ``start``, ``end`` microseconds; ``x``, ``y`` m; ``before``, ``after`` kg on the forks;
-    ``charged`` change of the state of charge; ``height`` m, the highest of the forks; ``into``, ``out`` rad,
-    the direction of motion before and after, NaN where that is not known.
-    """
+    ``vehicle`` codes; ``start``, ``end`` microseconds; ``x``, ``y`` m; ``before``, ``after`` kg on the
+    forks; ``charged`` change of the state of charge; ``height`` m, the highest of the forks; ``into``,
+    ``out`` rad, the direction of motion before and after, NaN where that is not known."""
 
     vehicle: Ints
     start: Ints

@@ -50,7 +50,7 @@ def locate(ground: Track, log: Log) -> Columns:
 
 
 class Meter:
-    """Follows the charge of trucks (V,), and sums up the energy used and charged [Wh]."""
+    """Follows the charge of trucks (V,), and sums up the energy charged, and used less recovered [Wh]."""
 
     def __init__(self, world: World, settings: Settings) -> None:
         self.physics, self.of, self.limit = world.physics, world.trucks.of, world.site.power_limit
@@ -84,7 +84,7 @@ class Meter:
         if charging.any():
             power = power - np.where(charging, self.share * self._charge_power(bay, which)[:, None], 0.0)
         power[log.mode == Mode.EMPTY] = 0.0
-        self.used += float(np.maximum(power, 0.0).sum()) * self.dt / 3600.0
+        self.used += float(power[~charging].sum()) * self.dt / 3600.0
         self.charged -= float(np.minimum(np.where(charging, power, 0.0), 0.0).sum()) * self.dt / 3600.0
         return {"battery_power": power, **self._follow(power, which)}
 
@@ -126,8 +126,7 @@ class Recorder:
     Height is known of hilly sites, voltage and current by a battery's chemistry.  Power of a row is the mean
     over the ``every`` steps around it, so that power times the time between rows adds up to the energy.
     Groups are written in turn, each by one thread at a time: the same bytes whatever the number of threads.
-    Leaving the block without :meth:`flush` gives up what is not written.
-    """
+    Leaving the block without :meth:`flush` gives up what is not written."""
 
     def __init__(
         self, writer: DatasetWriter, names: list[str], world: World, settings: Settings, steps: int,

@@ -15,6 +15,7 @@ from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.legs import Leg, SpeedProfile, free_flow, joined, legs, speed_limits
 from fleetlog.physics.power import Physics, battery_power, cell_power
+from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.simulate.record import rounded
 from fleetlog.simulate.state import creep_speed
 from fleetlog.store.trips import MAX_GAP
@@ -196,7 +197,8 @@ class VehicleReplay:
         shift = np.clip(shift, known[0], known[-1])
         lift = np.where(inside, self.mast.speed(shift - 0.5 * dt, np.full(len(shift), dt)), 0.0)
         payload = np.nan_to_num(trip.rows.floats("payload"))[near]
-        power = np.where(inside, np.nan_to_num(trip.rows.floats("battery_power"))[near], 0.0)
+        capacity = self.physics.actual_truck.battery.capacity_wh
+        power = np.where(inside, charging_power(trip.rows, capacity)[near], 0.0)
         way = (time >= leave) & (time < arrival)
         return {
             "fork_height": np.where(way, 0.0, self.mast.at(shift)), "lift_speed": np.where(way, 0.0, lift),
@@ -222,3 +224,16 @@ class VehicleReplay:
         time = self.recorded.time[0] + np.rint(rows * 1e6).astype(np.int64)
         self.writer.write(Trajectory(self.recorded.vehicle_id, time, columns))
         self.written += len(rows)
+
+
+def charging_power(rows: Trajectory, capacity_wh: float) -> Floats:
+    """(N,) recorded power [W]; without it what raised the state of charge from its lowest, 0 elsewhere."""
+    out, known = np.nan_to_num(rows.floats("battery_power")), np.flatnonzero(np.isfinite(rows.floats("soc")))
+    if rows.has("battery_power") or not len(known):
+        return out
+    soc = rows.floats("soc")
+    low = known[soc[known].argmin()]
+    high = low + np.nan_to_num(soc[low:]).argmax()
+    if (rise := soc[high] - soc[low]) > MIN_CHARGE:
+        out[low:high] = -rise * capacity_wh * 3600.0 / ((rows.time[high] - rows.time[low]) * 1e-6)
+    return out

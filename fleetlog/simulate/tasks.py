@@ -34,9 +34,8 @@ class Task:
 
     ``vehicle`` None: any; ``source``, ``target`` places; ``payload`` kg; ``earliest`` s after the start;
     ``dwell`` (pick, drop) s, at least what the lift needs, ``on_road`` with the way into and out of the bay;
-    ``height`` (pick, drop) m.  Of the free places an endless task takes the one of the lowest ``ranks`` (P,);
-    a truck takes no other for ``pause`` s after it.
-    """
+    ``height`` (pick, drop) m.  Of the free places an endless task takes the one of the lowest ``ranks``
+    (P,); a truck takes no other for ``pause`` s after it."""
 
     vehicle: str | None
     source: str

@@ -36,8 +36,8 @@ def diagnose(
     truck : truck file, or name of a preset: the nominal model.
     site : site or map in place of the one that the dataset was made with.
     against : simulated dataset to compare with, in place of the nominal model alone.
-    channels : comma-separated: battery_power, soc, speed; all by default.
-    terms : comma-separated terms that may be named; all by default.
+    channels : channels to judge, comma-separated: battery_power, soc, speed; all by default.
+    terms : terms that may be named, comma-separated; all by default.
     holdout : what is held out of the search, and judges its result.
     gate : exit with 0 only if every channel was judged and nothing is missing.
     seed : seed of the cross-validation splits.

@@ -44,8 +44,7 @@ def import_(
     >>> recorded.summary["trips"], sorted(recorded.summary["vehicles"])[:3]
     (180, ['T1', 'T2', 'T3'])
     >>> recorded.dataset.read("T1").to_pandas().columns[:3].tolist()
-    ['vehicle_id', 'timestamp', 'x']
-    """
+    ['vehicle_id', 'timestamp', 'x']"""
     if append and (overwrite or site is not None or output is None):
         raise ArgumentError("goes with an output, not with --overwrite or --site", option="--append")
     if align and site is None:

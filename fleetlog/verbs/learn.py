@@ -22,8 +22,8 @@ def learn(
     Parameters
     ----------
     site : an existing site or map: propose the roads and directions that it lacks.
-    lane : opposite directions closer than this are one road (m).
-    spur : a shorter dead end leads into a bay and is no road (m).
+    lane : opposite directions closer than this are one road [m].
+    spur : a shorter dead end leads into a bay and is no road [m].
     min_passes : leave out roads driven less often.
     min_visits : leave out places visited less often.
     output : folder of the site.

@@ -70,7 +70,7 @@ def simulate(
     duration : simulated time: 8h, 30m, 600s.
     like : dataset whose places and demand are taken over.
     same_mission : drive the trips of --like again, each by itself, for comparison.
-    together : with --same-mission, in one another's way.
+    together : with --same-mission, let the trucks be in one another's way.
     tasks : CSV (in Python also a DataFrame): vehicle (or any), from, to, payload [kg], earliest [s].
     cycle : a test cycle on a strip of its own.
     close : close a road to all trucks; may be repeated.
@@ -78,7 +78,7 @@ def simulate(
     without : leave a term of the physics out; may be repeated.
     rate : rows per second of each truck.
     step : time step of the simulation [s].
-    start : UTC, ISO 8601; by default 2026-01-05T06:00, or the start of --like.
+    start : first moment (UTC, ISO 8601); by default 2026-01-05T06:00, or the start of --like.
     soc : state of charge at the start.
     charge_below : state of charge that sends a truck to charge.
     policy : charge also when there is nothing else to do, or only when --charge-below is reached.
@@ -86,8 +86,8 @@ def simulate(
     experiment : TOML whose keys are these options, and a table [vary].
     vary : compare: plugs=2..6, close=ROAD,ROAD, policy=..., or room at a place: dock-1=1..3.
     runs : number of seeds of an experiment, from --seed on.
-    chemistry : of the battery; constant: constant voltage.
-    temperature : of the air [degC].
+    chemistry : chemistry of the battery; constant: constant voltage.
+    temperature : temperature of the air [degC].
     recording : write the replay (``fleetlog view`` can make it later).
     output : folder of the dataset.
 
@@ -98,8 +98,7 @@ def simulate(
     ...     site="sample/site.toml", truck="sample/truck.toml", vehicles=3, duration="5m", recording=False
     ... )
     >>> fleet.summary["rows"], fleet.dataset.vehicles
-    (900, ['T1', 'T2', 'T3'])
-    """
+    (900, ['T1', 'T2', 'T3'])"""
     asked = SimpleNamespace(**locals())
     from fleetlog.verbs._simulations import answer
 

@@ -1,5 +1,6 @@
 """Open a replay, an analysis, a map or a log in the Rerun viewer."""
 
+import shutil
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated
@@ -53,8 +54,11 @@ def view(
     with written(screenshot, "picture") as picture, written(save, "recording") as kept:
         if beside is not None:
             notice("making the comparison")
-            rrd = kept or scratch.folder() / "comparison.rrd"
+            # The viewer goes by the ending of the name, which a file in the making has not.
+            rrd = scratch.folder() / "comparison.rrd"
             write_comparison(source, existing(beside), rrd, rate_hz=rate or RATE, day=day)
+            if kept is not None:
+                shutil.copyfile(rrd, kept)
         else:
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
             rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)

@@ -41,8 +41,7 @@ def write_comparison(
 
     Where the two share no time, the simulated one is moved to begin with the recorded one, and the summary
     says so; ``out_rrd`` appears whole or not at all, and replaces an older one. A ``day`` (UTC, YYYY-MM-DD)
-    is that of the recording; the simulation is cut to it where it has the same one.
-    """
+    is that of the recording; the simulation is cut to it where it has the same one."""
     recorded, simulated = opened(recorded_path, day), Dataset(simulated_path)
     if day in simulated.dates:
         simulated = opened(simulated_path, day)

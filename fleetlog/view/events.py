@@ -9,9 +9,8 @@ Signal first, vehicle second, as for everything else::
     PREFIX/state/ID        what the truck does, over time
     PREFIX/activity/NAME   trucks that do this, and PREFIX/open/NAME open tasks by stage, as curves
 
-Large fleets have no arcs, which would hide the floor, one entity for all reservations, and curves in place of
-states.
-"""
+Large fleets have no arcs, which would hide the floor, one entity for all reservations, and curves in place
+of states."""
 
 from __future__ import annotations
 

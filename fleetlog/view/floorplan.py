@@ -159,7 +159,7 @@ def _draw_marks(axes: Axes, marks: Marks, taken: list[Extent]) -> None:
         if label and (spot := _free_spot(axes, x, y, size, label, taken)) is not None:
             axes.annotate(
                 label, spot, fontsize=7.5, color=INK, ha="center", va="center", zorder=5,
-                annotation_clip=True, path_effects=[withStroke(linewidth=2.2, foreground="white")],
+                annotation_clip=True, path_effects=[withStroke(linewidth=3.5, foreground="white")],
             )  # fmt: skip
 
 

@@ -212,8 +212,7 @@ def draw_bars(axes: Axes, bars: Bars) -> None:
     if not left.any():
         axes.set_xlim(0.0, 1.0)
     axes.set_yticks(at, [t if len(t) <= MAX_LABEL else t[: MAX_LABEL - 1] + "…" for t in labels])
-    axes.invert_yaxis()
-    axes.set_xlabel(bars.label)
+    axes.set(ylim=(max(len(labels), 1) - 0.5, -0.5), xlabel=bars.label)
     axes.set_title(bars.name.replace("_", " "))
     _lines(axes, "x")
     if bars.parts:

@@ -116,14 +116,17 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     ]
     stream.static(f"{path}/scale", mesh3d(cells))
     top = ("≥ " if scale.clipped else "") + _short(scale.high)
-    texts = [_short(scale.low), _short(float(scale.at(np.array(0.5)))), f"{top}  {label}"]
+    low = ("≤ " if scale.clipped and scale.diverging else "") + _short(scale.low)
+    # What it shows stands beside the bar: below it a long label covers the numbers.
+    spots = [*((x, y - thick) for x in xs[[0, 32, 64]]), (x0 + 0.78 * span, y + thick)]
     ends = rr.Points3D(
-        [[x, y - thick, 0.1] for x in xs[[0, 32, 64]]],
-        labels=texts, radii=ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
+        [[*spot, 0.1] for spot in spots],
+        labels=[low, _short(float(scale.at(np.array(0.5)))), top, label],
+        radii=ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
     )  # fmt: skip
     stream.static(f"{path}/scale/ends", ends)
     how = "blue below zero, orange above" if scale.diverging else "dark is low, bright is high"
-    return f"**{label}**: {_short(scale.low)} to {top} ({how})"
+    return f"**{label}**: {low} to {top} ({how})"
 
 
 def _log_marks(stream: Stream, path: str, marks: Marks) -> None:

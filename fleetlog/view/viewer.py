@@ -1,14 +1,14 @@
 """The recording of what a user names: finding it, saying what it holds, showing it.
 
-Without a screen the real viewer opens it and paints by the processor (Mesa lavapipe).  All that fleetlog uses
-of ``rerun.experimental`` is here, because it may change with every release.
-"""
+Without a screen the real viewer opens it and paints by the processor (Mesa lavapipe).  All that fleetlog
+uses of ``rerun.experimental`` is here, because it may change with every release."""
 
 import os
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import warnings
 from collections import Counter
@@ -145,24 +145,40 @@ class Patient:
     """Rerun's client, asking a busy viewer again: Rerun gives it 15 s for an answer and no more.
     :class:`ViewerError` where it has ended, or does not answer for :data:`WAIT`."""
 
-    def __init__(self, client: Any) -> None:
-        self._client = client
+    def __init__(self, client: Any, process: subprocess.Popen[bytes]) -> None:
+        self._client, self._process = client, process
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         def ask(*args: Any, **options: Any) -> Any:
-            deadline = time.monotonic() + WAIT
-            while True:
-                try:
-                    return getattr(self._client, name)(*args, **options)
-                except TimeoutError:
-                    if time.monotonic() > deadline:
-                        what = f"the viewer has not answered for {WAIT:.0f} s"
-                        raise ViewerError(what, do="try again when the machine is less busy") from None
-                except ConnectionError:
-                    do = "see that Vulkan works here (vulkaninfo) and that memory suffices"
-                    raise ViewerError("the viewer ended by itself", do=do) from None
+            with ended_after(WAIT, self._process) as silent:
+                while True:
+                    try:
+                        with suppress(TimeoutError):
+                            return getattr(self._client, name)(*args, **options)
+                    except ConnectionError:
+                        late = f"has not answered for {WAIT:.0f} s", "try again when the machine is less busy"
+                        ended = "ended by itself", "see that Vulkan works here and that memory suffices"
+                        what, do = late if silent.is_set() else ended
+                        raise ViewerError(f"the viewer {what}", do=do) from None
 
         return ask
+
+
+@contextmanager
+def ended_after(seconds: float, process: subprocess.Popen[bytes]) -> Iterator[threading.Event]:
+    """Kill the viewer after so long, and set the event: Rerun's client waits for a frozen one for ever."""
+    silent = threading.Event()
+
+    def end() -> None:
+        silent.set()
+        process.kill()
+
+    timer = threading.Timer(seconds, end)
+    timer.start()
+    try:
+        yield silent
+    finally:
+        timer.cancel()
 
 
 def span(client: Any) -> tuple[int, int]:
@@ -199,17 +215,18 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
         own = environment(HOME=home, XDG_RUNTIME_DIR=home)
         process = subprocess.Popen(command, env=own, stdout=quiet, stderr=quiet)
         try:
-            deadline, opened = time.monotonic() + WAIT, False
-            while not opened:
-                if process.poll() is not None or time.monotonic() > deadline:
-                    what, do = f"the viewer did not open {rrd}", "see that Vulkan works here (vulkaninfo)"
-                    raise ViewerError(what, do=do)
-                time.sleep(0.1)
-                with suppress(ConnectionError, TimeoutError):
-                    client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
-                    state = client.get_state()
-                    opened = state.recordings and state.recordings[0].timelines and not state.loading
-            yield Patient(client)
+            opened = False
+            with ended_after(WAIT, process) as silent:
+                while not opened:
+                    if process.poll() is not None:
+                        what = f"the viewer did not open {rrd}{f' in {WAIT:.0f} s' * silent.is_set()}"
+                        raise ViewerError(what, do="see that Vulkan works here (vulkaninfo)")
+                    time.sleep(0.1)
+                    with suppress(ConnectionError, TimeoutError):
+                        client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+                        state = client.get_state()
+                        opened = state.recordings and state.recordings[0].timelines and not state.loading
+            yield Patient(client, process)
         finally:
             process.terminate()
             with suppress(subprocess.TimeoutExpired):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from fleetlog.cli.commands import command_of
 from fleetlog.core.motion import Motion
 from fleetlog.core.result import EdgeValues, Result, Series
 from fleetlog.core.site import Site, Zone
+from fleetlog.core.trajectory import Labels
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, battery_power, ledger
 from fleetlog.store.dataset import Dataset
@@ -211,3 +213,28 @@ def test_a_battery_that_cannot_give_the_power_is_reported(
     # The file's own small resistance takes next to nothing: the model's charge ends where the log's does.
     calm = answer.tables["energy_trips"]
     assert np.allclose(calm["soc_end_model"], calm["soc_end"], atol=2e-4)
+
+
+@pytest.mark.parametrize("channel", ["battery_power", "soc"])
+def test_what_a_charger_gives_is_charged_and_not_used(tmp_path: Path, truck: Truck, channel: str) -> None:
+    seconds, watts, capacity = 1200, 6000.0, truck.battery.capacity_wh * 3600.0
+    whole = variant(tmp_path / "day", truck, channel="soc" if channel == "soc" else "none")
+    log = next(iter(whole.days(("x", "y", "speed", "payload", "fork_height", channel))))
+    columns = {n: np.asarray(v) for n, v in log.columns.items() if not isinstance(v, Labels)}
+    columns |= {} if channel == "soc" else {"battery_power": np.full(len(log), 900.0)}
+    plugged = {n: np.repeat(v[-1:], seconds) for n, v in columns.items()} | {"speed": np.zeros(seconds)}
+    plugged[channel] = columns[channel][-1] + watts / capacity * np.arange(1, seconds + 1) if (
+        channel == "soc"
+    ) else np.full(seconds, -watts)  # fmt: skip
+    time = np.append(log.time, log.time[-1] + np.arange(1, seconds + 1) * 1_000_000)
+    joined = {n: np.concatenate([columns[n], plugged[n]]) for n in columns}
+
+    def summary(name: str, rows: int) -> dict[str, Any]:
+        with DatasetWriter.create(tmp_path / name, "recorded", whole.site) as writer:
+            writer.write(type(log)("T1", time[:rows], {n: v[:rows] for n, v in joined.items()}))
+        return energy(Dataset(tmp_path / name), truck).summary
+
+    before, after = summary("before", len(log)), summary("after", len(time))
+    assert after["charged_kwh"] == pytest.approx(watts * seconds / 3.6e6, rel=0.01)
+    assert after["energy_kwh"] == pytest.approx(before["energy_kwh"], rel=0.01)
+    assert after["measured_kwh"] == pytest.approx(before["measured_kwh"], rel=0.01)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from simulated_sites import PLACES, TRUCK, grid
 
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.simulate.demand import carried, like
 from fleetlog.simulate.mission import replay
 from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table
+from fleetlog.simulate.retrace import charging_power
 from fleetlog.store import Dataset, DatasetWriter
 
 
@@ -56,3 +58,15 @@ def test_demand_like_a_recording_has_its_volume(recording):
     assert len(demand.given) == pytest.approx(expected, rel=0.1)
     assert {t.payload for t in demand.given} <= {min(t.payload, TRUCK.chassis.rated_load) for t in known}
     assert notes and not demand.visits
+
+
+def test_charging_is_taken_over_from_a_state_of_charge_alone() -> None:
+    time, soc = np.arange(6) * 10_000_000, np.array([0.5, 0.49, 0.49, 0.5, 0.51, 0.51])
+    gauge = Trajectory("T", time, {"soc": soc})
+    watts = 0.02 * 10_000.0 * 3600.0 / 20.0
+    assert charging_power(gauge, 10_000.0) == pytest.approx(
+        [0.0, -watts * 2 / 3, -watts * 2 / 3, -watts * 2 / 3, 0, 0]
+    )
+    metered = Trajectory("T", time, {"soc": soc, "battery_power": np.full(6, 900.0)})
+    assert charging_power(metered, 10_000.0) == pytest.approx(np.full(6, 900.0))
+    assert not charging_power(Trajectory("T", time, {"soc": 0.9 - 0.001 * np.arange(6)}), 10_000.0).any()

@@ -57,11 +57,14 @@ def test_recording_is_made_when_missing_or_old_and_only_then(dataset: Path) -> N
     assert len(said) == 2
 
 
-def test_two_datasets_side_by_side(dataset: Path, tmp_path: Path) -> None:
+def test_two_datasets_side_by_side(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import rrd
 
-    both = tmp_path / "both.rrd"
-    run(str(dataset), "--beside", str(dataset), "--save", str(both))
+    both, drawn = tmp_path / "both.rrd", []
+    monkeypatch.setattr(viewer, "screenshot", lambda rrd, out, at: drawn.append(rrd) or out.touch())
+    run(str(dataset), "--beside", str(dataset), "--save", str(both), "--screenshot", str(tmp_path / "x.png"))
+    # The viewer opens no file of another ending.
+    assert drawn[0].suffix == ".rrd" and both.read_bytes() == drawn[0].read_bytes()
     assert {"/recorded/trucks/truck\\ 1", "/simulated/trucks/truck\\ 1"} <= rrd.entities(both)
     with pytest.raises(click.UsageError, match="--beside"):
         run(str(dataset), "--save", str(both))

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -68,29 +71,40 @@ def test_missing_vulkan_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 
 
 class Faulty:
-    """A client whose first answers are these faults."""
+    """A client whose first answers are these faults; None: none before its viewer has ended, as if frozen."""
 
-    def __init__(self, *faults: type[OSError]) -> None:
-        self.faults = list(faults)
+    def __init__(self, process: subprocess.Popen[bytes], *faults: type[OSError] | None) -> None:
+        self.process, self.faults = process, list(faults)
 
     def get_state(self) -> str:
-        if self.faults:
-            raise self.faults.pop(0)("Deadline expired before operation could complete")
-        return "state"
+        if not self.faults:
+            return "state"
+        if (fault := self.faults.pop(0)) is None:
+            self.process.wait(30)
+            raise ConnectionError("transport error")
+        raise fault("Deadline expired before operation could complete")
+
+
+@pytest.fixture
+def process() -> Iterator[subprocess.Popen[bytes]]:
+    """What stands for the viewer's process."""
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as running:
+        yield running
+        running.kill()
 
 
 @pytest.mark.parametrize(
-    ("fault", "said"),
-    [(TimeoutError, "not answered for 0 s.*less busy"), (ConnectionError, "ended by itself")],
+    ("fault", "said"), [(None, "not answered for 1 s.*less busy"), (ConnectionError, "ended by itself")]
 )
-def test_a_viewer_that_does_not_answer_is_one_line_with_advice(monkeypatch, fault, said) -> None:
-    monkeypatch.setattr(viewer, "WAIT", 0.0)
+def test_a_viewer_that_does_not_answer_is_one_line_with_advice(monkeypatch, process, fault, said) -> None:
+    monkeypatch.setattr(viewer, "WAIT", 0.6)
     with pytest.raises(viewer.ViewerError, match=said):
-        viewer.Patient(Faulty(fault, fault)).get_state()
+        viewer.Patient(Faulty(process, TimeoutError, fault), process).get_state()
+    assert (process.poll() is None) == (fault is not None)
 
 
-def test_a_busy_viewer_is_asked_again() -> None:
-    assert viewer.Patient(Faulty(TimeoutError, TimeoutError)).get_state() == "state"
+def test_a_busy_viewer_is_asked_again(process: subprocess.Popen[bytes]) -> None:
+    assert viewer.Patient(Faulty(process, TimeoutError, TimeoutError), process).get_state() == "state"
 
 
 def test_viewer_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -135,8 +135,7 @@ def critical_areas(network: Network, s: pd.DataFrame, watched: Watched) -> pd.Da
 
     Columns: area, x, y [m], delay [s], vehicle_seconds [s], episodes, vehicles, episodes_per_hour, roads,
     radius [m], delay_low, delay_high [s] (90 % interval by resampling whole days, or trucks where there are
-    fewer than five days), first_share (share of the resamples in which the area ranks first).
-    """
+    fewer than five days), first_share (share of the resamples in which the area ranks first)."""
     if not len(s):
         return pd.DataFrame()
     codes, delayed = delay_by_place(s)

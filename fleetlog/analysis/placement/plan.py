@@ -51,9 +51,8 @@ class Unit:
     """What one vehicle did on one day, per road vertex (n,); left out in turn to test stability.
 
     Of standstills of at least the shortest useful time: seconds ``standing``, the same weighted by the
-    urgency of the state of charge, and ``spells`` with urgency (vertex, -1 off the map; start, end in us) for
-    the number of plugs.  ``loading`` counts changes of the payload.
-    """
+    urgency of the state of charge, and ``spells`` with urgency (vertex, -1 off the map; start, end in us)
+    for the number of plugs.  ``loading`` counts changes of the payload."""
 
     vehicle: str
     day: int

@@ -143,8 +143,7 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Sett
 
     Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads,
     they are random, and then only the seed is the same.  The power of a planned plug is that of the site's
-    first charger that states one.
-    """
+    first charger that states one."""
     from fleetlog.simulate.demand import like
 
     if dataset.kind == "recorded":

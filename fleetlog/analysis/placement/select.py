@@ -46,8 +46,7 @@ def p_median(
 
     Fast interchange from several starts, a Lagrangian lower bound, and where a gap is left on a small
     instance HiGHS.  The objective is the weighted mean distance.  ``capacity`` is the largest share of all
-    demand that one site may serve; then HiGHS solves it whole, and demand may go past its nearest site.
-    """
+    demand that one site may serve; then HiGHS solves it whole, and demand may go past its nearest site."""
     every = np.arange(distance.shape[1])
     candidates = np.flatnonzero(~np.isin(every, forbidden) | np.isin(every, forced))
     k, must = min(k, len(candidates)), np.isin(candidates, forced)
@@ -119,10 +118,9 @@ def interchange(cost: Floats, sites: Ints, fixed: Mask) -> tuple[Ints, float]:
 def lagrangian(cost: Floats, u: Floats, k: int, forced: Mask, upper: float) -> float:
     """A lower bound of the p-median cost: subgradient steps on the relaxed "every demand is served once".
 
-    ``cost`` (m, n) is of demand i to site j, ``u`` (m,) multipliers to start from, which are changed.
-    L(u) = sum_i u_i + sum of the k smallest of rho_j, where rho_j = sum_i min(0, c_ij - u_i); forced sites
-    are always among the k.  Stops when the bound is as good as ``upper``.
-    """
+    ``cost`` (m, n) is of demand i to site j, ``u`` (m,) multipliers to start from, which are changed. L(u) =
+    sum_i u_i + sum of the k smallest of rho_j, where rho_j = sum_i min(0, c_ij - u_i); forced sites are
+    always among the k.  Stops when the bound is as good as ``upper``."""
     best, scale, stale = -np.inf, 1.5, 0
     for _ in range(ROUNDS):
         saved = np.minimum(cost - u[:, None], 0.0)

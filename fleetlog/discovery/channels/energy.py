@@ -110,8 +110,8 @@ class EnergyChannel(Channel):
         self.errors += [replace(RIPPLE, road=r) for r in hunted]
         if hunted and self.fleet.network is not None:
             roads = ", ".join(self.fleet.network.edge_ids[r] for r in hunted)
-            swings = "power swings faster than rows follow; its cost is not told from a rough floor"
-            self.notes = [f"on {roads} {swings}"]
+            swings = "power swings faster than rows follow; its cost cannot be told from a rough floor's"
+            self.notes = [f"on {roads}, {swings}"]
         return hidden
 
     def _likely_power(self, c: Cut, between: Between) -> Floats:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
@@ -36,7 +37,7 @@ class Column:
     losses."""
 
     model: Beside
-    cross: Floats
+    cross: NDArray[np.float32]
     along: Floats
     own: Floats
     unit: float
@@ -76,7 +77,7 @@ class Slotted:
     edges: Floats
     gram: Floats
     moment: Floats
-    cross: Floats
+    cross: NDArray[np.float32]
     along: Floats
     own: Floats
     prior: Prior

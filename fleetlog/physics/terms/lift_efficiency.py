@@ -15,7 +15,7 @@ def power(motion: Motion, truck: Truck, values: Values) -> Floats:
 TERM = Term(
     "lift_efficiency", "power", "the hydraulic lift is less efficient than the truck file says",
     (Parameter("efficiency", "1", 0.1, 1.0, truck_key="lift.efficiency", tolerance=0.1, inverse=True),),
-    power, nominal=True, depends_on=("lift_speed", "payload"),
+    power, cause="lifting", nominal=True, depends_on=("lift_speed", "payload"),
     sentence="The hydraulic lift has an efficiency of {efficiency.value:.1%} ({efficiency.low:.1%} to "
     "{efficiency.high:.1%}); the truck file has {efficiency.nominal:.1%}",
     needs="record lifts with and without a load",

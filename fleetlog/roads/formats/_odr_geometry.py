@@ -27,8 +27,7 @@ def spiral(start: float, end: float, length: float) -> Curve:
     The heading h = k0 s + (k1 - k0) s^2 / (2 L) is integrated.
 
     Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length for all
-    curvatures, where Fresnel integrals lose digits as k1 approaches k0.
-    """
+    curvatures, where Fresnel integrals lose digits as k1 approaches k0."""
     rate = (end - start) / length
     panels = 1 + math.ceil(max(abs(start), abs(end)) * length)
 

@@ -64,8 +64,7 @@ def step_costs(
 
     A step costs about |network distance - travelled distance| / beta, more by a turn in mid edge and where
     it enters another edge; steps that the network does not allow cost ``JUMP``.  ``standing`` are the two
-    groups.
-    """
+    groups."""
     ptr, edge, value = near
     length, reverse, beta = roads.length, roads.reverse, costs.beta
     begin, count, target, away = store.begin, store.reached, store.target, store.away

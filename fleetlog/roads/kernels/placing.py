@@ -102,8 +102,7 @@ def place_points(
 
     Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is
     projected onto the tangent of the route.  ``near`` (G,) is the posterior of the route about a group;
-    ``room`` (13, n) is for the rows of one stretch, ``cursor`` (2,) for the search along it.
-    """
+    ``room`` (13, n) is for the rows of one stretch, ``cursor`` (2,) for the search along it."""
     t, x, y, speed = track.t, track.x, track.y, track.speed
     first_row, still = groups.first, groups.still
     spans, firsts, place_of, p_value = routes.spans, routes.firsts, routes.place, routes.value
