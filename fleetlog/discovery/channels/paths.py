@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.special import stdtr
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
@@ -283,37 +284,34 @@ def lost_time(
     """Return the time lost; None where nobody was in the way. ``free`` gives the modelled seconds at the
     nodes of a path; ``known`` (C,) is the share of the time by stretch of lane that is known to be lost: it
     is left out."""
-    # (N,) of all nodes: time by the model, what was taken beyond it, whether another truck was in the way,
-    # or nothing was amiss.
-    parts = []
+    # By trip and stretch: time beyond the model, and by it, where another truck was in the way; time in all.
+    parts, size = [], len(lanes)
+    more, base = np.zeros((2, size))
     for path, whole, of_window, waits in passed:
-        modelled = free(path)
-        parts.append((
-            modelled, path.took - path.standing - modelled, path.took, path.behind[path.of], whole[path.of],
-            lanes.at(path.motion)[0].astype(np.int64), of_window[path.of], waits,
-        ))  # fmt: skip
-    nominal, over, took, behind, plain, cell, code, wait = (
-        np.concatenate(column) for column in zip(*parts, strict=True)
-    )
-    if not behind.any():
+        modelled, cell = free(path), lanes.at(path.motion)[0].astype(np.int64)
+        over, plain, behind = path.took - path.standing - modelled, whole[path.of], path.behind[path.of]
+        more += np.bincount(cell, plain * over, size)
+        base += np.bincount(cell, plain * modelled, size)
+        pair, which = np.unique(of_window[path.of] * size + cell, return_inverse=True)
+        values = behind * (over - waits), behind * modelled, path.took, behind * path.took
+        parts.append((pair // size, pair % size, *(np.bincount(which, v) for v in values)))
+    code, cell, over, nominal, took, touched = (np.concatenate(column) for column in zip(*parts, strict=True))
+    if not touched.any():
         return None
     _, trip = np.unique(code, return_inverse=True)
     # By how much undisturbed passages take longer than the model says, by stretch of lane.
-    more, base = (np.bincount(cell, np.where(plain, v, 0.0), len(lanes)) for v in (over, nominal))
     usual = (more + OWN * float(more.sum()) / max(float(base.sum()), 1e-9)) / (base + OWN)
-    lost = np.where(behind, over - usual[cell] * nominal - wait, 0.0)
-    if known is not None:
-        lost = lost - known[cell] * took
+    lost = over - usual[cell] * nominal - (0.0 if known is None else known[cell] * took)
     total = float(took.sum())
-    share, touched = float(lost.sum()) / total, float(took[behind].sum()) / total
+    share, disturbed = float(lost.sum()) / total, float(touched.sum()) / total
     by_trip, of_trip = np.bincount(trip, lost), np.bincount(trip, took)
     trips = max(len(by_trip), 2)
     chance = float(np.sqrt(((by_trip - share * of_trip) ** 2).sum() * trips / (trips - 1))) / total
-    error = float(np.hypot(chance, MODEL * touched))
-    own = np.bincount(trip * len(lanes) + cell, lost, trips * len(lanes)).reshape(-1, len(lanes))
-    at = np.asarray(np.bincount(cell, took, len(lanes)), dtype=np.float64)
+    error = float(np.hypot(chance, MODEL * disturbed))
+    own = sparse.csc_array((lost, (trip, cell)), (trips, size))  # A trip passes few stretches
+    own.eliminate_zeros()
+    at = np.asarray(np.bincount(cell, took, size), dtype=np.float64)
     return Lost(
-        share, error, touched, own.sum(axis=0), np.sqrt((own**2).sum(axis=0)), at, np.count_nonzero(own,
-        axis=0),
+        share, error, disturbed, own.sum(axis=0), np.sqrt(own.power(2).sum(axis=0)), at, np.diff(own.indptr),
         float(stdtr(trips - 1, -share / max(error, 1e-12))),
     )  # fmt: skip
