@@ -84,10 +84,9 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
         cells |= {name: _said(values, n) for name, values in columns.items()}
         text = " ".join(f"{name}={cell}" for name, cell in cells.items())[:4000]
         rejects.append(Reject(int(batch.record[n]), reason, text))
-    if keep.all():
-        return RawBatch(vehicle, batch.time, columns, batch.record, rejects, batch.progress)
-    columns = {n: v[keep] for n, v in columns.items()}
-    return RawBatch(vehicle[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress)
+    rows = slice(None) if keep.all() else keep
+    columns = {n: v[rows] for n, v in columns.items()}
+    return RawBatch(vehicle[rows], batch.time[rows], columns, batch.record[rows], rejects, batch.progress)
 
 
 def _column(name: str, values: Values, report: ReadReport) -> tuple[str, Values]:

@@ -133,17 +133,13 @@ def decode(frame: bytes, line: int) -> Part:
         part.day = told["date"].toordinal() - _EPOCH
     if {"lat", "lon"} & told.keys():
         part.rank = RANKS[kind]
-        _turn_sides(told, written.get("NS", "") + written.get("EW", ""))
+        sides = written.get("NS", "") + written.get("EW", "")
+        if not {"lat", "lon"} <= told.keys() or sides not in ("NE", "NW", "SE", "SW"):
+            raise ValueError("the position is not whole: latitude, N or S, longitude, E or W")
+        told["lat"] *= -1.0 if "S" in sides else 1.0
+        told["lon"] *= -1.0 if "W" in sides else 1.0
     part.values = {_COLUMNS[n]: float(v) for n, v in told.items() if n in _COLUMNS and isfinite(v)}
     return part
-
-
-def _turn_sides(told: dict[str, Any], sides: str) -> None:
-    """South and west are negative."""
-    if not {"lat", "lon"} <= told.keys() or sides not in ("NE", "NW", "SE", "SW"):
-        raise ValueError("the position is not whole: latitude, N or S, longitude, E or W")
-    told["lat"] *= -1.0 if "S" in sides else 1.0
-    told["lon"] *= -1.0 if "W" in sides else 1.0
 
 
 @lru_cache(64)  # The sentences of one moment repeat one another's cells

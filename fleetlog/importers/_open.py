@@ -71,10 +71,7 @@ def plain_suffix(path: Path) -> str:
 
 def plain_stem(path: Path) -> str:
     """The file's name without its suffixes of format and compression: ``truck.7`` of ``truck.7.csv.gz``."""
-    name = path.name
-    if path.suffix.lower() in _PACKED:
-        name = Path(name).stem
-    return Path(name).stem
+    return Path(path.stem).stem if path.suffix.lower() in _PACKED else path.stem
 
 
 def compression(path: Path) -> str | None:

@@ -16,7 +16,6 @@ from fleetlog.core.columns import NAMES
 from fleetlog.core.schema import Keys, Wrong, either, flag, list_of, one_of, real, table, text
 from fleetlog.core.site import MapFrame, crs, map_frames
 from fleetlog.errors import InputError
-from fleetlog.importers._open import plain_stem
 from fleetlog.importers._times import microseconds
 from fleetlog.importers._units import EPOCH_UNITS, KINDS, Unit, unit
 
@@ -70,13 +69,6 @@ class Profile:
     crs: str | None = None  # Reference system of x, y, as ``EPSG:25832``
     map_frames: tuple[MapFrame, ...] = ()  # How the log's own frames lie in the site's
     keep: bool = True  # Whether columns that are neither mapped nor recognised are kept under their own names
-
-    def vehicle_of(self, path: Path) -> str | None:
-        """The constant vehicle id of one file."""
-        if self.vehicle is None:
-            return None
-        folder = path.absolute().parent.name
-        return self.vehicle.replace("{stem}", plain_stem(path)).replace("{folder}", folder)
 
     @property
     def origin(self) -> int:

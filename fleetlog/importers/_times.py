@@ -49,21 +49,15 @@ class LocalClock:
         second = _epoch(stamps.tz_localize(zone, ambiguous=np.zeros(len(local), bool), nonexistent="NaT"))
         out = np.where(known, first, NONE)
         for row in np.flatnonzero(known & (first != second)).tolist():
-            before = self._before(row, out, vehicle)
-            if out[row] < before:
+            # the latest time of the same vehicle before this row
+            begin = max(0, row - 1000)
+            earlier = np.flatnonzero(vehicle[begin:row] == vehicle[row])
+            if out[row] < (out[begin + earlier[-1]] if len(earlier) else self.last.get(vehicle[row], NONE)):
                 out[row] = second[row]
             self.last[vehicle[row]] = int(out[row])
             self.twice += 1
         self.last |= dict(zip(vehicle.tolist(), out.tolist(), strict=True))  # the last one stays
         return out
-
-    def _before(self, row: int, out: Ints, vehicle: Strings) -> int:
-        """Latest time of the same vehicle before ``row``."""
-        first = max(0, row - 1000)
-        earlier = np.flatnonzero(vehicle[first:row] == vehicle[row])
-        if len(earlier):
-            return int(out[first + earlier[-1]])
-        return self.last.get(vehicle[row], NONE)
 
 
 def _epoch(stamps: Any) -> Ints:

@@ -211,10 +211,9 @@ class Decoder:
                 continue
             vehicle, frame = sample.vehicle or role.vehicle, values.get("map_id")
             key = (*values, vehicle, frame) if frame else tuple(values)
-            rows = self._rows.get(key)
-            if rows is None:
-                rows = self._rows[key] = Rows(*values, share=self._share)
-            rows.add(vehicle, sample.stamp or time, self.record, values)
+            if key not in self._rows:
+                self._rows[key] = Rows(*values, share=self._share)
+            self._rows[key].add(vehicle, sample.stamp or time, self.record, values)
 
     def ready(self) -> Iterator[RawBatch]:
         """The batches that are full."""

@@ -86,7 +86,10 @@ class ReadOptions:
     @property
     def vehicle(self) -> str | None:
         """The constant vehicle id that the profile gives this file."""
-        return self.profile.vehicle_of(self.report.path) if self.profile else None
+        if self.profile is None or self.profile.vehicle is None:
+            return None
+        path, name = self.report.path, self.profile.vehicle
+        return name.replace("{stem}", plain_stem(path)).replace("{folder}", path.absolute().parent.name)
 
     @cached_property
     def name(self) -> str:

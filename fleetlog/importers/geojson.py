@@ -129,7 +129,10 @@ class _GeoJson(Records):
         rows.add(self._vehicle(known, properties), time, number, values, coordinates)
 
     def _lines(self, lines: list[Any], properties: dict[str, Any], number: int) -> None:
-        times = _line_times(properties)
+        inner = properties.get("coordinateProperties")
+        sources = (properties, inner if isinstance(inner, dict) else {})
+        given = (source.get(name) for source in sources for name in TIMES)
+        times = next((times for times in given if isinstance(times, list)), [])
         if times and not isinstance(times[0], list):
             times = [times]
         known = self._known({k: v for k, v in properties.items() if not isinstance(v, list | dict)})
@@ -166,13 +169,6 @@ def _place(coordinates: Any, pair: tuple[str, ...]) -> dict[str, Any]:
     given = coordinates if isinstance(coordinates, list) else []
     names = pair if pair == LOCAL else pair[::-1]
     return dict(zip((*names, "z"), map(finite, given), strict=False))
-
-
-def _line_times(properties: dict[str, Any]) -> list[Any]:
-    inner = properties.get("coordinateProperties")
-    sources = (properties, inner if isinstance(inner, dict) else {})
-    given = (source.get(name) for source in sources for name in TIMES)
-    return next((times for times in given if isinstance(times, list)), [])
 
 
 def _value(field: Source, properties: dict[str, Any]) -> Any:

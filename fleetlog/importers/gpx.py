@@ -47,7 +47,11 @@ class _Gpx(Elements):
             elif name in _COURSES:
                 values["heading"] = heading_of_course(finite(leaf.text))
             elif not len(leaf) and leaf.getparent() is not point:
-                _keep_extension(values, name, leaf.text)
+                figure, column = finite(leaf.text), BY_NAME.get(name)
+                if figure == figure and name not in ("latitude", "longitude"):
+                    values[name] = figure
+                elif leaf.text and column is not None and column.kind == "label":
+                    values[name] = leaf.text
         self.rows.add_iso(self._vehicle, time, number, values, point.attrib)
 
     def nothing(self) -> tuple[str, str]:
@@ -66,14 +70,6 @@ class _Gpx(Elements):
         for tag, noun in _STILL.items():
             if self.seen[tag]:
                 self.report.note(f"{count(self.seen[tag], noun)} left out: no motion")
-
-
-def _keep_extension(values: dict[str, Any], name: str, text: str | None) -> None:
-    number = finite(text)
-    if number == number and name not in ("latitude", "longitude"):
-        values[name] = number
-    elif text and BY_NAME.get(name) is not None and BY_NAME[name].kind == "label":
-        values[name] = text
 
 
 IMPORTER = Importer("gpx", (".gpx",), holding(b"<gpx", b"<\x00g\x00p\x00x\x00"), _Gpx.batches)

@@ -97,23 +97,19 @@ class _Nmea(Records):
         self.waiting.clear()
 
     def nothing(self) -> tuple[str, str]:
-        wanted = "RMC or ZDA as well" if self.waiting else "RMC or GGA sentences or UBX NAV-PVT"
-        return self._instead(), f"record {wanted}"
-
-    def _instead(self) -> str:
-        """What the log holds instead of dated positions."""
         if self.waiting:
-            undated = count(len(self.waiting), "position")
-            return f"{undated} with a time of day but no date (no RMC or ZDA sentence with one)"
+            what = f"{count(len(self.waiting), 'position')} with a time of day but no date"
+            return f"{what} (no RMC or ZDA sentence with one)", "record RMC or ZDA as well"
+        do = "record RMC or GGA sentences or UBX NAV-PVT"
         if self.no_fix:
-            return f"the receiver had no fix in any of its {count(self.no_fix, 'moment')}"
+            return f"the receiver had no fix in any of its {count(self.no_fix, 'moment')}", do
         if self.ais and not self.kinds:
-            return f"only AIS: {count(self.ais, 'message')} of ships, no position of the receiver"
+            return f"only AIS: {count(self.ais, 'message')} of ships, no position of the receiver", do
         found = ", ".join(f"{n} {k}" for k, n in self.kinds.most_common(8)) or "none"
         first, why = self.rows.take().rejects[:1], ""
         if first:
             why = f"; {self.rows.rejected} rejected, the first on line {first[0].record}: {first[0].reason}"
-        return f"no sentence with a position (readable sentences: {found}){why}"
+        return f"no sentence with a position (readable sentences: {found}){why}", do
 
     def describe(self) -> None:
         sources = sorted(k for k in self.kinds if k[-3:] in RANKS or k == "UBX-0107")

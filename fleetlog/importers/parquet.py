@@ -69,7 +69,7 @@ class _Reader:
     def __init__(self, file: Any, path: Path, options: ReadOptions) -> None:
         self.done, self.total = 0, max(file.metadata.num_rows, 1)
         schema = file.schema_arrow
-        names = [_text(n.encode("utf-8", "surrogateescape")) for n in schema.names]
+        names = [n.encode("utf-8", "surrogateescape").decode("utf-8", "replace") for n in schema.names]
         self.names = unique(names, options.report)
         kinds = dict(zip(self.names, schema.types, strict=True))
         plain = [n for n, t in kinds.items() if not pa.types.is_nested(t) and not pa.types.is_binary(t)]
@@ -126,7 +126,8 @@ def _plain(array: pa.Array) -> pa.Array:
         array = array.dictionary_encode()
     names = array.dictionary
     if pa.types.is_string(names.type) or pa.types.is_large_string(names.type):
-        texts = [None if v is None else _text(v) for v in names.cast(pa.large_binary()).to_pylist()]
+        raw = names.cast(pa.large_binary()).to_pylist()
+        texts = [None if v is None else v.decode("utf-8", "replace") for v in raw]
     else:
         texts = [None if v is None else str(v) for v in names.to_pylist()]
     codes = np.asarray(array.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int32)
@@ -143,10 +144,6 @@ def _named(vehicles: pa.Array, default: str) -> pa.Array:
         found = [default if v is None or v != v else f"{v:.17g}" for v in vehicles.to_pylist()]
         return pa.array(found).dictionary_encode()
     return vehicles.cast(pa.string()).fill_null(default).dictionary_encode()
-
-
-def _text(raw: bytes) -> str:
-    return raw.decode("utf-8", "replace")
 
 
 def _points(array: pa.Array) -> tuple[Floats, Floats]:

@@ -37,7 +37,10 @@ class _Fcd(Elements):
     def take(self, vehicle: Any, number: int) -> None:
         attributes, step = vehicle.attrib, vehicle.getparent()
         if self._geographic is None:
-            self._geographic = _degrees(attributes)
+            # the first vehicle tells: SUMO writes degrees with six decimals
+            x, y = finite(attributes.get("x")), finite(attributes.get("y"))
+            decimals = min(len((attributes.get(k) or "").partition(".")[2]) for k in ("x", "y"))
+            self._geographic = decimals >= 5 and abs(x) <= 180.0 and abs(y) <= 90.0
         seconds = finite(step.get("time") if step is not None else None)
         rows, names = self.rows, LOCAL
         if self._geographic:
@@ -63,13 +66,6 @@ def _origin(epoch: re.Match[bytes] | None) -> int:
         return iso_time(epoch[1].decode()) if epoch else 0
     except ValueError:
         return 0
-
-
-def _degrees(vehicle: Any) -> bool:
-    """Whether x, y are degrees (SUMO then writes six decimals): the first vehicle tells."""
-    x, y = finite(vehicle.get("x")), finite(vehicle.get("y"))
-    decimals = min(len((vehicle.get(k) or "").partition(".")[2]) for k in ("x", "y"))
-    return decimals >= 5 and abs(x) <= 180.0 and abs(y) <= 90.0
 
 
 IMPORTER = Importer("sumo-fcd", (".xml",), holding(b"<fcd-export", first=HEAD), _Fcd.batches)

@@ -84,7 +84,12 @@ class _Vda(Records):
         if isinstance(message.get("loads"), list):
             self._payload[vehicle] = _payload(message["loads"])
         if position is not None:
-            self._position(message, position, vehicle, time, number)
+            if any(position.get(name) is False for name in ("positionInitialized", "localized")):
+                self.rows.reject(number, "the vehicle is not localised", position)
+            else:
+                values = _pose(position, message.get("velocity"))
+                values["payload"] = self._payload.get(vehicle, NAN)
+                self.rows.add(vehicle, time, number, values | _said(message, position), position)
         if battery is not None and (charge := _battery(battery)):
             self.tables[1].add(vehicle, time, number, charge)
 
@@ -100,15 +105,6 @@ class _Vda(Records):
     def _name(self, message: Message) -> str:
         names = (str(message[k]) for k in ("manufacturer", "serialNumber") if message.get(k))
         return self.options.vehicle or "/".join(names) or "agv"
-
-    def _position(self, message: Message, position: Message, vehicle: str, time: int, number: int) -> None:
-        values = _pose(position, message.get("velocity"))
-        if position.get("positionInitialized") is False or position.get("localized") is False:
-            self.rows.reject(number, "the vehicle is not localised", position)
-        else:
-            values["payload"] = self._payload.get(vehicle, NAN)
-            values |= _said(message, position)
-            self.rows.add(vehicle, time, number, values, position)
 
     def nothing(self) -> tuple[str, str]:
         bad = f", {count(self.rows.rejected, 'line')} rejected" if self.rows.rejected else ""
