@@ -153,7 +153,7 @@ def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
     schema = cols.PART_SCHEMA if part else cols.SCHEMA
     arrays = [_arrow_array(trajectory, cols.BY_NAME[f.name], f.type) for f in schema]
     for name in sorted(set(trajectory.columns) - set(cols.NAMES)):
-        arrays.append(_own_array(trajectory.columns[name]))
+        arrays.append(own_array(trajectory.columns[name]))
         metadata = {"unit": "", "meaning": "kept from the log"}
         schema = schema.append(pa.field(name, arrays[-1].type, metadata=metadata))
     return pa.Table.from_arrays(arrays, schema=schema)
@@ -171,10 +171,10 @@ def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Ar
         return _with_nulls(ints := np.asarray(values, dtype=np.int64), ints < 0)
     if column.kind == "double":
         values = np.asarray(values, dtype=np.float64)
-    return _own_array(values)
+    return own_array(values)
 
 
-def _own_array(values: Values) -> pa.Array:
+def own_array(values: Values) -> pa.Array:
     """Labels as a dictionary; NaN is null."""
     if not isinstance(values, Labels):
         return pa.array(values, from_pandas=True)

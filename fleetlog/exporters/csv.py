@@ -27,17 +27,13 @@ def write(selection: Selection, path: Path) -> None:
         sink.write(header.getvalue().encode())
         with pcsv.CSVWriter(sink, text, write_options=options) as writer:
             for table in selection.tables(schema):
-                writer.write_table(_with_iso_time(table, text))
-
-
-def _with_iso_time(table: pa.Table, schema: pa.Schema) -> pa.Table:
-    at = table.column_names.index("timestamp")
-    iso = pc.strftime(table.column("timestamp"), format="%Y-%m-%dT%H:%M:%SZ")
-    table = table.set_column(at, "timestamp", iso).cast(schema)
-    for i, field in enumerate(schema):
-        if pa.types.is_string(field.type):
-            table = table.set_column(i, field, defused(table.column(i)))
-    return table
+                at = table.column_names.index("timestamp")
+                iso = pc.strftime(table.column("timestamp"), format="%Y-%m-%dT%H:%M:%SZ")
+                table = table.set_column(at, "timestamp", iso).cast(text)
+                for i, field in enumerate(text):
+                    if pa.types.is_string(field.type):
+                        table = table.set_column(i, field, defused(table.column(i)))
+                writer.write_table(table)
 
 
 def defused(texts: pa.ChunkedArray) -> pa.ChunkedArray:

@@ -27,8 +27,6 @@ OF_DAY = r"^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
 
-Strings = NDArray[np.object_]
-
 
 @dataclass
 class LocalClock:
@@ -40,7 +38,7 @@ class LocalClock:
     last: dict[str, int] = field(default_factory=dict)
     twice: int = 0
 
-    def to_utc(self, local: Ints, vehicle: Strings) -> Ints:
+    def to_utc(self, local: Ints, vehicle: NDArray[np.object_]) -> Ints:
         """UTC of local times; ``NONE`` where the clocks never showed such a time."""
         known = local != NONE
         stamps = pd.DatetimeIndex(np.where(known, local, 0).astype("datetime64[us]"))

@@ -6,6 +6,7 @@ behind damage and how many messages there must be."""
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, NamedTuple
 
@@ -77,10 +78,8 @@ class Walk(ABC):
 
     def index(self) -> bool:
         """Whether the index at the end of the file is whole; then channels, chunks and counts are known."""
-        try:
+        with suppress(*FAULTS):
             self.whole = self._index()
-        except FAULTS:
-            self.whole = False
         if not self.whole:
             self.channels, self.chunks, self.stated = {}, {}, 0
         return self.whole

@@ -156,10 +156,11 @@ def fit_header(names: list[str], rows: list[list[str]], report: ReadReport) -> l
 def lay_out(names: list[str], profile: Profile, report: ReadReport) -> Fields:
     """Decide what every column is; an error where there is no time, or nothing at all that is known."""
     names = unique(names, report)
-    for target, source in profile.columns.items():
-        _must_have(names, source.column, f"columns.{target}", profile)
-    for name in profile.time:
-        _must_have(names, name, "time.column", profile)
+    wanted = [(source.column, f"columns.{target}") for target, source in profile.columns.items()]
+    for name, place in [*wanted, *((name, "time.column") for name in profile.time)]:
+        if name not in names:
+            what, do = f"the log has no column {name!r}", nearest(name, names)
+            raise InputError(what, where=profile.path, place=place, do=do)
     fields = fields_of(names, profile, report, _split_time(names, profile, report))
     seen = ", ".join(names[:12]) + (" ..." if len(names) > 12 else "")
     if not fields.time:
@@ -169,12 +170,6 @@ def lay_out(names: list[str], profile: Profile, report: ReadReport) -> Fields:
         what = f"no known column beside the time ({seen})"
         raise FormatError(what, where=report.path, do="map the columns in a profile (--profile FILE.toml)")
     return fields
-
-
-def _must_have(names: list[str], name: str, place: str, profile: Profile) -> None:
-    if name not in names:
-        what, do = f"the log has no column {name!r}", nearest(name, names)
-        raise InputError(what, where=profile.path, place=place, do=do)
 
 
 def _split_time(names: list[str], profile: Profile, report: ReadReport) -> tuple[str, ...]:

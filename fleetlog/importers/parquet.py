@@ -80,19 +80,14 @@ class _Reader:
         self.geometry = not fields.columns.keys() & {"latitude", "x"} and "geometry" in kinds
         if self.geometry:
             fields.columns |= {name: Source(name) for name in GEOGRAPHIC}
-        self._check(path)
+        has_place = any({*pair} <= fields.columns.keys() for pair in (GEOGRAPHIC, LOCAL))
+        wanted = (("a position (latitude, longitude or x, y)", has_place), ("a time", fields.time))
+        if missing := [what for what, there in wanted if not there]:
+            what = f"no column is {' or '.join(missing)} (columns: {', '.join(self.names[:20])})"
+            raise FormatError(what, where=path, do="map them with --profile")
         folder = next((p for p in path.parts if p.startswith("vehicle_id=")), None)
         name = unquote(folder.partition("=")[2]) if folder and options.vehicle is None else options.name
         self.rows = TableRows(fields, name, {s.column for n, s in fields.columns.items() if n in GEOGRAPHIC})
-
-    def _check(self, path: Path) -> None:
-        place = self.fields.columns.keys()
-        has_place = any({*pair} <= place for pair in (GEOGRAPHIC, LOCAL))
-        wanted = (("a position (latitude, longitude or x, y)", has_place), ("a time", self.fields.time))
-        missing = [what for what, there in wanted if not there]
-        if missing:
-            what = f"no column is {' or '.join(missing)} (columns: {', '.join(self.names[:20])})"
-            raise FormatError(what, where=path, do="map them with --profile")
 
     def batch(self, batch: pa.RecordBatch) -> RawBatch:
         """The rows of a batch."""

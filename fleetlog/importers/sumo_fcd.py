@@ -5,6 +5,7 @@ with ``--fcd-output.geo``. ``time`` counts seconds from the start of the simulat
 epoch that the file names (fleetlog's exporter writes it) or at 1970."""
 
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -31,7 +32,9 @@ class _Fcd(Elements):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)
-        self.origin = self.origin or _origin(_EPOCH.search(head_of(path, 4096)))
+        if not self.origin and (epoch := _EPOCH.search(head_of(path, 4096))):
+            with suppress(ValueError):
+                self.origin = iso_time(epoch[1].decode())
         self._geographic: bool | None = None
 
     def take(self, vehicle: Any, number: int) -> None:
@@ -59,13 +62,6 @@ class _Fcd(Elements):
             values["heading"] = heading_of_course(finite(attributes["angle"]))
         time = self.origin + round(seconds * 1e6)
         rows.add(attributes.get("id") or "vehicle", time, number, values, attributes)
-
-
-def _origin(epoch: re.Match[bytes] | None) -> int:
-    try:
-        return iso_time(epoch[1].decode()) if epoch else 0
-    except ValueError:
-        return 0
 
 
 IMPORTER = Importer("sumo-fcd", (".xml",), holding(b"<fcd-export", first=HEAD), _Fcd.batches)

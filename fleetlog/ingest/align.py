@@ -146,7 +146,7 @@ def _places(tracks: list[tuple[Floats, Floats]], across: float) -> tuple[Floats,
 
 
 def _starts(place: Floats, heading: Floats, roads: _Roads) -> list[tuple[float, Floats]]:
-    """Rotations and shifts that put most of the log near roads of its direction."""
+    """Rotations and shifts that put most of the log near roads of its direction, the best that lead apart."""
     low, high = roads.place.min(axis=0), roads.place.max(axis=0)
     middle = place.mean(axis=0)
     reach = float(np.hypot(*(place - middle).T).max())
@@ -166,15 +166,8 @@ def _starts(place: Floats, heading: Floats, roads: _Roads) -> list[tuple[float, 
             found.append((float(score[peak]), float(rotation), shift - _turned(middle[None], rotation)[0]))
             near = np.arange(-int(4.0 / cell) - 1, int(4.0 / cell) + 2)
             score[np.ix_((near + peak[0]) % side, (near + peak[1]) % side)] = -np.inf
-    found.sort(key=lambda f: -f[0])
-    return _distinct(found, place)
-
-
-def _distinct(found: list[tuple[float, float, Floats]], place: Floats) -> list[tuple[float, Floats]]:
-    """The best of the starts that lead apart."""
     kept: list[tuple[float, Floats]] = []
-    middle = place.mean(axis=0)
-    for _, rotation, shift in found:
+    for _, rotation, shift in sorted(found, key=lambda f: -f[0]):
         at = _turned(middle[None], rotation)[0] + shift
         gaps = ((at - _turned(middle[None], r)[0] - s, rotation - r) for r, s in kept)
         if all(_apart(gap, turn, 4.0, 3.0 * TURN) for gap, turn in gaps):

@@ -2,7 +2,7 @@
 
 import glob
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -52,7 +52,8 @@ def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Lo
     importer = by_name(format) if format else None
     logs: dict[Path, Log] = {}
     for given in expanded(paths):
-        for log in _in_folder(given, importer) if given.is_dir() else [_named(given, importer)]:
+        alone = [] if given.is_dir() else [_log(given, lambda p: importer or detect(p))]
+        for log in alone or _in_folder(given, importer):
             logs.setdefault(log.path.resolve(), log)
     if not logs:
         do = "give files, or name the format with --format"
@@ -83,9 +84,9 @@ def expanded(paths: Sequence[str | Path]) -> list[Path]:
     return out
 
 
-def _named(path: Path, importer: Importer | None) -> Log:
+def _log(path: Path, importer_of: Callable[[Path], Importer | None]) -> Log:
     try:
-        return Log(path, importer or detect(path))
+        return Log(path, importer_of(path))
     except FleetlogError as error:
         return Log(path, None, error)
 
@@ -97,10 +98,7 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
         return [Log(folder, whole)]
     found, other = [], []
     for path in sorted(_files(folder)):
-        try:
-            log = Log(path, find(path) if path.stat().st_size else None)
-        except FleetlogError as error:
-            log = Log(path, None, error)
+        log = _log(path, lambda p: find(p) if p.stat().st_size else None)
         if log.error or (log.importer is not None and importer in (None, log.importer)):
             found.append(log)
         else:

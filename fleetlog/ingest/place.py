@@ -67,7 +67,12 @@ def _moved(rows: Trajectory, frame: MapFrame, mine: Mask) -> Trajectory:
 def check_place(rows: Trajectory, site: Site, sample: Trajectory) -> None:
     """:class:`DataError` where the log lies kilometres from the map; ``sample``: the rows as read."""
     if site.frame is not None and looks_like_degrees(sample):
-        _check_degrees(sample, site.frame)
+        # x and y may be the longitude and latitude of the site, in whatever order
+        for names in (GEOGRAPHIC[::-1], GEOGRAPHIC):
+            about = [getattr(site.frame, name) for name in names]
+            if np.abs(np.subtract(_middle(sample, "x", "y"), about)).max() < 0.5:
+                do = f'map them in a profile: [columns] {names[0]} = "x", {names[1]} = "y"'
+                raise DataError("the columns x and y hold degrees, not metres", do=do)
     if site.network is None:
         return
     away = _distance(_middle(rows, "x", "y"), site.network)
@@ -81,15 +86,6 @@ def check_place(rows: Trajectory, site: Site, sample: Trajectory) -> None:
             do = "latitude and longitude are exchanged in the log; map them in a profile"
         what += f" (log at {a:.4f}, {b:.4f}; site at {frame.latitude:.4f}, {frame.longitude:.4f})"
     raise DataError(what, do=do)
-
-
-def _check_degrees(rows: Trajectory, frame: Frame) -> None:
-    """:class:`DataError` where x and y are the longitude and latitude of the site, in whatever order."""
-    for names in (GEOGRAPHIC[::-1], GEOGRAPHIC):
-        about = [getattr(frame, name) for name in names]
-        if np.abs(np.subtract(_middle(rows, "x", "y"), about)).max() < 0.5:
-            do = f'map them in a profile: [columns] {names[0]} = "x", {names[1]} = "y"'
-            raise DataError("the columns x and y hold degrees, not metres", do=do)
 
 
 def _middle(rows: Trajectory, *names: str) -> list[float]:

@@ -13,7 +13,7 @@ from pyarrow import feather
 
 from fleetlog.core.arrays import Mask
 from fleetlog.core.columns import BY_NAME
-from fleetlog.core.trajectory import Labels, Trajectory, Values, as_labels, concatenate, from_arrow
+from fleetlog.core.trajectory import Labels, Trajectory, Values, as_labels, concatenate, from_arrow, own_array
 from fleetlog.importers._times import EARLIEST, LATEST
 
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
@@ -124,11 +124,7 @@ def _edges(slips: Sequence[Slip]) -> list[int]:
 def _save(rows: Trajectory, path: Path) -> None:
     columns = {"timestamp": pa.array(rows.time)}
     for name, values in rows.columns.items():
-        if isinstance(values, Labels):
-            codes = pa.array(values.codes, pa.int32(), mask=values.codes < 0)
-            columns[name] = pa.DictionaryArray.from_arrays(codes, pa.array(list(values.names), pa.string()))
-        else:
-            columns[name] = pa.array(values)
+        columns[name] = own_array(values) if isinstance(values, Labels) else pa.array(values)
     feather.write_feather(pa.table(columns), str(path), compression="uncompressed")
 
 

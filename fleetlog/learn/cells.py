@@ -24,8 +24,6 @@ ALONG = 1.0  # standard deviation along the way of what is averaged [m]
 ROUNDS = 12
 SCATTER = 0.1  # directions with a smaller share of what is driven there pull by that share, others alike
 
-Counts = Ints
-
 
 @dataclass(frozen=True)
 class Cells:
@@ -114,7 +112,7 @@ def _shifted(cells: Cells, across: float, *, either: bool, rounds: int = ROUNDS)
 
 @kernel()
 def _shift(
-    cells: Floats, first: Counts, shape: Counts, low: Floats, side: float, across: float, either: bool,
+    cells: Floats, first: Ints, shape: Ints, low: Floats, side: float, across: float, either: bool,
     rounds: int,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """(N,) metres to the left to the local mean of cells that head alike, and the weight about there.

@@ -108,9 +108,8 @@ def chains(picture: Picture) -> list[Chain]:
     number = links[tuple(pixels.T)]
     out, bounds = [], np.cumsum(np.bincount(number)[1:])[:-1]
     for ordered in map(_ordered, np.split(pixels[np.argsort(number, kind="stable")], bounds)):
-        ends = [_knots(knots, p)[0] for p in (ordered[0], ordered[-1])]
-        if len(ordered) == 1:
-            ends = _knots(knots, ordered[0])
+        both = [_knots(knots, p) for p in (ordered[0], ordered[-1])]
+        ends = both[0] if len(ordered) == 1 else [both[0][0], both[1][0]]
         inner = picture.middle(ordered)
         if ends[0] == 0 or ends[1] == 0:
             node = np.concatenate([node, inner[:1]])

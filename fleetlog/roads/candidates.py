@@ -46,12 +46,8 @@ class Prepared:
 def prepare(network: Network) -> Prepared:
     """The prepared form of ``network``, made once and kept with it, as a cached property is."""
     kept: dict[str, Prepared] = vars(network)
-    if "_prepared" not in kept:
-        kept["_prepared"] = _prepare(network)
-    return kept["_prepared"]
-
-
-def _prepare(network: Network) -> Prepared:
+    if "_prepared" in kept:
+        return kept["_prepared"]
     # equal alternatives are decided by the edges' names, so that the order of a map file means nothing
     rank = np.empty(len(network), np.int64)
     rank[np.argsort(np.array(network.edge_ids))] = np.arange(len(network))
@@ -67,7 +63,8 @@ def _prepare(network: Network) -> Prepared:
     turns = network.reverse, network.next_first, network.next_edges
     reverse, onward, follow = (v.astype(np.int32) for v in turns)
     roads = Roads(x, y, first, away, owner, length, reverse, twin, onward, follow, rank)
-    return Prepared(roads, _grid(roads), new_store(len(network), len(follow)))
+    kept["_prepared"] = Prepared(roads, _grid(roads), new_store(len(network), len(follow)))
+    return kept["_prepared"]
 
 
 def _grid(roads: Roads) -> Grid:

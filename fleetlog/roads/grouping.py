@@ -29,11 +29,6 @@ def _interval(t: Floats) -> float:
     return float(np.median(np.diff(t))) if len(t) > 1 else 1.0
 
 
-def usual_gap(track: Track) -> float:
-    """Silence that breaks a chain: 30 s, or ten usual intervals where the log is sparser [s]."""
-    return max(30.0, 10.0 * track.interval) if len(track.t) > 1 else 30.0
-
-
 def with_gap(track: Track, gap: float) -> Track:
     """Numbered anew: a chain ends where the log is silent for longer than ``gap``."""
     return track._replace(chain=np.cumsum(np.diff(track.t, prepend=track.t[:1]) > gap))

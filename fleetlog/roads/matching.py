@@ -98,7 +98,7 @@ SAMPLE_GROUPS = 2000  # groups from which parameters are estimated, in up to eig
 
 def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> MatchParameters:
     fixed = {k: v for k, v in vars(wanted).items() if not np.isnan(v)}
-    gap = fixed.get("gap", grouping.usual_gap(track))
+    gap = fixed.get("gap", max(30.0, 10.0 * track.interval))  # longer where the log is sparser
     noise = fixed.get("noise", grouping.white_noise(grouping.with_gap(track, gap)))
     guess = replace(wanted, gap=gap, noise=noise)
     some = grouping.sample(grouping.with_gap(track, gap), SAMPLE_GROUPS, noise)
@@ -225,8 +225,6 @@ def _nothing(n: int, parameters: MatchParameters) -> Match:
 
 def _spread(found: Match, rows: Ints, n: int) -> Match:
     """The match of the rows with a position as one of all ``n`` rows."""
-    if len(rows) == n:
-        return found
     out = _nothing(n, found.parameters)
     for name in ("edge", "offset", "lateral", "confidence", "reason", "restart", "standing"):
         getattr(out, name)[rows] = getattr(found, name)

@@ -107,7 +107,7 @@ def each_part(
         engine = engines.Engine()
     job = update_wrapper(partial(_answer, dataset, work, arguments, kept), work)
     new = {p.name for p in missing}
-    with closing(engine.run(job, missing, partial(_called, str(dataset.path)))) as made:
+    with closing(engine.run(job, missing, lambda part: f"{dataset.path}/trajectories/{part.name}")) as made:
         for part in parts:
             out = next(made) if part.name in new else kept.find(part.name) if kept else None
             yield job(part) if out is None else out
@@ -122,10 +122,6 @@ def _answer(
     if kept is not None:
         kept.keep(part.name, dataset.source(part.reads), out)
     return out
-
-
-def _called(path: str, part: Part) -> str:
-    return f"{path}/trajectories/{part.name}"
 
 
 def partials_of(

@@ -101,7 +101,12 @@ def write_geotiff(grid: Grid, path: str | Path, frame: Frame | None = None) -> N
     import tifffile
 
     bands = grid.values if grid.mask is None else np.stack([grid.values, grid.mask], axis=-1)
-    tags = {**_placing(grid, frame), **_system(frame), NODATA: "nan"}
+    rotation = 0.0 if frame is None else frame.rotation
+    (a, b, x), (d, e, y) = transformation(grid, rotation).tolist()
+    tags: dict[int, Any] = {PIXEL_SCALE: (a, -e, 0.0), TIEPOINT: (0.0, 0.0, 0.0, x, y, 0.0)}
+    if rotation:
+        tags = {TRANSFORMATION: (a, b, 0.0, x, d, e, 0.0, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}
+    tags |= {**_system(frame), NODATA: "nan"}
     kinds = {str: "s", int: "H", float: "d"}
     tifffile.imwrite(
         path, bands[::-1].astype("<f4"), byteorder="<", photometric="minisblack", compression="zlib",
@@ -117,14 +122,6 @@ def transformation(grid: Grid, rotation: float = 0.0) -> Floats:
     top = grid.y0 + len(grid.values) * grid.cell
     turn = np.array([[c, -s], [s, c]])
     return np.asarray(turn @ np.array([[grid.cell, 0.0, grid.x0], [0.0, -grid.cell, top]]), dtype=np.float64)
-
-
-def _placing(grid: Grid, frame: Frame | None) -> dict[int, Any]:
-    rotation = 0.0 if frame is None else frame.rotation
-    (a, b, x), (d, e, y) = transformation(grid, rotation).tolist()
-    if rotation == 0.0:
-        return {PIXEL_SCALE: (a, -e, 0.0), TIEPOINT: (0.0, 0.0, 0.0, x, y, 0.0)}
-    return {TRANSFORMATION: (a, b, 0.0, x, d, e, 0.0, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}
 
 
 def _system(frame: Frame | None) -> dict[int, Any]:

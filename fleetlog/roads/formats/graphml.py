@@ -36,10 +36,8 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
         raise SiteError("has no graph", do="save it with OSMnx's save_graphml")
     said = {str(n.get("id")): _attributes(n, names) for n in graph.iterfind("node")}
     heights = all(a.get("elevation") for a in said.values())
-    nodes = Nodes()
-    for name, a in said.items():
-        height = a["elevation"] if heights else 0.0
-        nodes[name] = spot(a.get("x"), a.get("y"), f"node {name}", height)
+    places = ((n, a.get("x"), a.get("y"), a["elevation"] if heights else 0.0) for n, a in said.items())
+    nodes = Nodes((name, spot(x, y, f"node {name}", height)) for name, x, y, height in places)
     against: set[str] = set()
     for n, element in enumerate(graph.iterfind("edge")):
         u, v = str(element.get("source")), str(element.get("target"))

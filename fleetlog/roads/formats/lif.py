@@ -60,7 +60,9 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     for station in stations:
         named = station.get("interactionNodeIds")
         served = [str(n) for n in named if str(n) in spots] if isinstance(named, list) else []
-        actions = {str(action.get("actionType")) for n in served for p in kinds[n] for action in _actions(p)}
+        # ``actions``, or ``requiredActions`` and ``feasibleActions``
+        said = [(p, key) for n in served for p in kinds[n] for key in p if key.lower().endswith("actions")]
+        actions = {str(action.get("actionType")) for p, key in said for action in _list(p, key)}
         kind = next((kind for action, kind in KINDS if action in actions), None)
         tally.stop(str(station.get("stationId")), kind, spots[served[0]] if served else np.zeros(2))
     nothing, do = f"no road in it: {tally.read} edges", "export the layout with its edges"
@@ -71,11 +73,6 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
 def _placed(points: Floats, frame: MapFrame) -> Floats:
     """(n, 3) points of an origin in the site's metres."""
     return np.column_stack([*frame.to_site(points[:, 0], points[:, 1]), points[:, 2]])
-
-
-def _actions(properties: Item) -> list[Item]:
-    """What is done at a node: ``actions``, or ``requiredActions`` and ``feasibleActions``."""
-    return [a for key in properties if key.lower().endswith("actions") for a in _list(properties, key)]
 
 
 def _list(item: Item, key: str) -> list[Item]:
