@@ -90,5 +90,4 @@ def _sentence(module: str, attribute: str) -> str | None:
     source = Path(spec.origin).read_text(encoding="utf-8")
     if attribute and f"\n{attribute}" not in source and f"\ndef {attribute}" not in source:
         return None
-    text = ast.get_docstring(ast.parse(source)) or ""
-    return " ".join(text.split("\n\n")[0].split())
+    return " ".join((ast.get_docstring(ast.parse(source)) or "").split("\n\n")[0].split())

@@ -57,8 +57,7 @@ def density(
     if not clusters.seen:
         what = "no row of the dataset is matched to a road"
         raise DataError(what, do="check that log and map belong together")
-    least = max(1, round(min_duration / watched.seconds))
-    episode, found = episodes(clusters, speed, rule.step, least)
+    episode, found = episodes(clusters, speed, rule.step, max(1, round(min_duration / watched.seconds)))
     rows = of.samples(clusters, episode, network, free_speeds(dataset, network), watched.seconds)
     areas = of.critical_areas(network, rows, watched)
     table = _episode_table(clusters, watched, network, found, rows)

@@ -61,8 +61,7 @@ def energy(
     # The dearest term first.
     total = segments.filter(like="J_").sum().abs().sort_values(ascending=False, kind="stable")
     terms = [name.removeprefix("J_") for name in total.index]
-    others = segments.columns.difference(total.index, sort=False)
-    segments = segments[[*others, *total.index]]
+    segments = segments[[*segments.columns.difference(total.index, sort=False), *total.index]]
     segments["shift"] = of.shift_names(segments["hour"], sorted(shifts))
     segments["hour"], segments["all"] = pd.to_datetime(segments["hour"], unit="us", utc=True), "all"
     keys = {
@@ -138,8 +137,7 @@ def _lines(s: dict[str, Any]) -> list[str]:
     none = sources.pop("nothing", 0)
     known = ", ".join(f"{SAID[source]} ({count(n, 'trip')})" for source, n in sources.items())
     if not known:
-        unknown = "The log has no electrical channel: nothing was measured, the figures are the model's."
-        return [*out, unknown]
+        return [*out, "The log has no electrical channel: nothing was measured, the figures are the model's."]
     rest = f"; {count(none, 'trip')} had none" if none else ""
     return [*out, f"Measured energy comes from {known}{rest}."]
 

@@ -224,8 +224,7 @@ def relative_spreads(truck: Truck, physics: Physics) -> dict[str, float]:
 
 def shift_names(hour: pd.Series, starts: Sequence[int]) -> pd.Series:
     """The shift that each hour [us] lies in, as ``06-14``; ``starts`` are hours of the day (UTC), growing."""
-    of_day = (hour // HOUR) % 24
-    number = np.searchsorted(np.array(starts), of_day.to_numpy(), side="right") - 1
+    number = np.searchsorted(np.array(starts), ((hour // HOUR) % 24).to_numpy(), side="right") - 1
     names = [f"{s:02d}-{e:02d}" for s, e in zip(starts, [*starts[1:], starts[0]], strict=True)]
     return pd.Series([names[k] for k in number], index=hour.index)
 

@@ -68,8 +68,7 @@ def near_misses(
         "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
         "near_misses": len(table) if judged else None, "kinds": kinds,
     }  # fmt: skip
-    lines = _lines(summary, table)
-    return Result("near_misses", summary, {}, {"near_misses": table}, [_marks(table)], lines)
+    return Result("near_misses", summary, {}, {"near_misses": table}, [_marks(table)], _lines(summary, table))
 
 
 def _marks(table: pd.DataFrame) -> Marks:
@@ -135,8 +134,7 @@ def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, wid
     # Steps lie farther apart than the reach, so that neighbours are of one step.
     tree = cKDTree(np.column_stack([at, (step - step.min()) * 2.0 * (reach + 1.0)]))
     pairs = tree.query_pairs(reach, output_type="ndarray")
-    pairs = np.sort(pairs[np.maximum(*speed[pairs].T) > MOVING], axis=1)
-    a, b = pairs.T
+    a, b = np.sort(pairs[np.maximum(*speed[pairs].T) > MOVING], axis=1).T
     gap, relative = at[b] - at[a], ahead[b] * speed[b, None] - ahead[a] * speed[a, None]
     nose = 0.5 * (length - width)
     times = [

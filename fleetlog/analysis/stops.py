@@ -67,11 +67,10 @@ def stops(
 def _marks(table: pd.DataFrame) -> list[Shape]:
     """The places by kind, the larger the longer trucks stand there."""
     sized = table.assign(size=3.0 * np.sqrt(table.dwell_total / max(table.dwell_total.max() or 0.0, 1.0)))
-    places = {kind: sized[sized.kind == kind] for kind in KINDS}
     return [
         Marks(f"{kind} places", of[["x", "y"]].to_numpy(float), tuple(of.place), of["size"].to_numpy(), kind)
-        for kind, of in places.items()
-        if len(of)
+        for kind in KINDS
+        if len(of := sized[sized.kind == kind])
     ]
 
 

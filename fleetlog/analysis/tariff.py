@@ -64,8 +64,7 @@ def load_tariff(path: str | Path) -> Tariff:
         price[hours] = one["price"]
         if "co2" in one:
             co2[hours] = one["co2"]
-    known = {k: top[k] for k in ("currency", "charger_efficiency", "name") if k in top}
-    return Tariff(price, co2, **known)
+    return Tariff(price, co2, **{k: top[k] for k in ("currency", "charger_efficiency", "name") if k in top})
 
 
 def _hours(begin: int, end: int, days: list[int]) -> Mask:

@@ -135,8 +135,7 @@ def row_states(t: Trajectory) -> Ints:
     laden = np.nan_to_num(load) > MIN_LOAD_CHANGE
     step = np.diff(t.time, append=t.time[-1:])
     silent = step > MAX_GAP * 1e6
-    begins = np.diff(still | silent, prepend=False) | np.diff(silent, prepend=False)
-    stand = np.cumsum(begins, dtype=np.int64)
+    stand = np.cumsum(np.diff(still | silent, prepend=False) | np.diff(silent, prepend=False), dtype=np.int64)
     first = np.flatnonzero(np.diff(stand, prepend=-1))
     rows = np.diff(np.append(first, len(stand)))
     lasts = np.repeat(np.add.reduceat(step * 1e-6, first), rows)
@@ -145,8 +144,7 @@ def row_states(t: Trajectory) -> Ints:
     # After the load was set down in the same standstill, a truck does not wait.
     down = pd.Series(np.diff(laden.astype(np.int8), prepend=0) < 0).groupby(stand).cummax().to_numpy(bool)
     waits = laden | ((lasts <= (PATIENCE if loads else PATIENCE_WITHOUT_LOAD)) & ~down)
-    stopped = number["waiting" if loads or forks else "standing"]
-    out[still] = np.where(waits[still], stopped, number["idle"])
+    out[still] = np.where(waits[still], number["waiting" if loads or forks else "standing"], number["idle"])
     out[still & _handling(t, still, load)] = number["handling"]
     out[still & _charging(t, first, rows, lasts)] = number["charging"]
     out[silent] = number["no_data"]

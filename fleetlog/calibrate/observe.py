@@ -165,11 +165,10 @@ def of_runs(runs: list[Run], truck: Truck) -> Observations:
     """One figure a run; ``truck`` says how fast it drives and lifts where a run does not."""
     motions = [r.motion(truck) for r in runs]
     whole, owner = join(motions), np.repeat(np.arange(len(runs)), [len(m) for m in motions])
-    repeats = np.array([r.repeats for r in runs])
 
     def predict(physics: Physics) -> Floats:
         joules = np.bincount(owner, battery_power(whole, physics) * whole.dt, len(runs))
-        figures = zip(runs, joules * repeats / 3600.0, strict=True)
+        figures = zip(runs, joules * np.array([r.repeats for r in runs]) / 3600.0, strict=True)
         return np.array([coast_time(r, physics) if r.kind == "coast_down" else wh for r, wh in figures])
 
     measured, sigma = np.array([r.measured for r in runs]), np.array([r.deviation for r in runs])

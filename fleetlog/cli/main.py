@@ -91,8 +91,7 @@ def _status() -> int:
         # A library that was torn out of its loading by an interrupt fails in its own way.
         if interrupt.came() or isinstance(error, click.exceptions.Abort | KeyboardInterrupt):
             return _complain("interrupted; nothing was written", EXIT_INTERRUPTED)
-        foreseen = isinstance(error, FleetlogError | OSError | MemoryError)
-        if os.environ.get("FLEETLOG_DEBUG") and not foreseen:
+        if os.environ.get("FLEETLOG_DEBUG") and not isinstance(error, FleetlogError | OSError | MemoryError):
             raise
         return EXIT_INPUT if isinstance(error, BrokenPipeError) else _complain(_line(error))
     return status if isinstance(status, int) else 0

@@ -111,8 +111,7 @@ def compare(a: pd.DataFrame, b: pd.DataFrame, figure: Figure, seed: int = 0) -> 
         return None
     rng = np.random.default_rng(seed)
     pool = np.concatenate(sums)
-    first = np.argsort(rng.random((DRAWS, len(pool))), axis=1)[:, : counts[0]]
-    one = pool[first].sum(axis=1)
+    one = pool[np.argsort(rng.random((DRAWS, len(pool))), axis=1)[:, : counts[0]]].sum(axis=1)
     null = _ratio(pool.sum(axis=0) - one) - _ratio(one)
     seen = float(_ratio(sums[1].sum(axis=0)) - _ratio(sums[0].sum(axis=0)))
     # One truck that alone does something is in either half: differences that nearly reach the one seen count.

@@ -143,8 +143,7 @@ def energy_part(f: Facts) -> Part:
 def _model_lines(f: Facts, result: Result) -> list[str]:
     causes = sorted(((k, v) for k, v in result.summary["ledger_kwh"].items() if v), key=lambda i: -abs(i[1]))
     said = ", ".join(f"{cause(k)} {v:.2f} kWh" for k, v in causes[:4])
-    total = result.summary["energy_kwh"]
-    out = [f"The truck model gives {total:.2f} kWh for all trucks, most of it {said}."]
+    out = [f"The truck model gives {result.summary['energy_kwh']:.2f} kWh for all trucks, most of it {said}."]
     measured, model = (result.summary[k] for k in ("measured_kwh", "model_beside_measured_kwh"))
     if measured > 0.0:
         more = f"{100.0 * abs(model / measured - 1.0):.1f} % {'more' if model > measured else 'less'}"
@@ -181,8 +180,7 @@ def congestion(f: Facts) -> Part:
         marks = [m for m in result.shapes if isinstance(m, Marks)]
         caption = "Delay in congestion, with the areas that it adds up to"
         for layer in shapes(f, "density", EdgeValues):
-            only = Result("density", {}, shapes=[layer, *marks])
-            part.blocks.append(picture(f, layer, caption, only))
+            part.blocks.append(picture(f, layer, caption, Result("density", {}, shapes=[layer, *marks])))
     return part
 
 

@@ -39,8 +39,7 @@ class BayMaker:
         self.bays: list[Bay] = []
         boxes = np.column_stack([track.x, track.y, track.heading])
         self._ground = new_cells(track.x, track.y, 2.0 * float(np.hypot(*self.half)), len(boxes))
-        kind = np.where(junctions.resource < 0, SAFE, PASSED).astype(np.int32)
-        put(self._ground, boxes, track.owner, kind)
+        put(self._ground, boxes, track.owner, np.where(junctions.resource < 0, SAFE, PASSED).astype(np.int32))
 
     def lanes_near(self, x: float, y: float) -> list[tuple[float, int, float]]:
         """(distance, lane, offset) of the lanes within reach of a point, nearest first."""

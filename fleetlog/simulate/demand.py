@@ -171,8 +171,7 @@ class Itineraries:
 
     def first(self, v: int, is_open: Callable[[str], bool]) -> Visit | None:
         """Where truck ``v`` begins, and how long it still stays there."""
-        empty = [k for k in self._any[False] if not self.visits[k].loads]
-        return self._draw(v, 0.0, empty, is_open)
+        return self._draw(v, 0.0, [k for k in self._any[False] if not self.visits[k].loads], is_open)
 
     def next(self, v: int, now: float, is_open: Callable[[str], bool]) -> Visit | None:
         """The next visit of truck ``v``, ``now`` [s] after the start; None while no place of one is open."""
@@ -256,5 +255,4 @@ def _typical(values: Floats, chosen: Mask, weight: Floats) -> float | None:
     """What was chosen is below this for ``SHARE`` of its time; None where it is too little."""
     if weight[chosen].sum() < LEAST:
         return None
-    typical = np.quantile(values[chosen], SHARE, weights=weight[chosen], method="inverted_cdf")
-    return round(float(typical), 3)
+    return round(float(np.quantile(values[chosen], SHARE, weights=weight[chosen], method="inverted_cdf")), 3)

@@ -125,8 +125,7 @@ class Run:
         self.steps = unit * max(int(np.ceil(BATCH / dt / unit)), 1)
         self.total = int(np.ceil(settings.duration / dt / self.steps)) * self.steps
         self.log = new_log(n, self.steps)
-        start = settings.start * 1e-6
-        given = self.names, demand, settings.policy, settings.seed, start
+        given = self.names, demand, settings.policy, settings.seed, settings.start * 1e-6
         self.dispatcher = Dispatcher(world, self.fleet, *given)
         self.crossings = Crossings(world.site, world.walks, settings.seed)
         self.tally = Tally(self.dispatcher)

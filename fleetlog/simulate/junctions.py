@@ -69,8 +69,7 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
             resource[low + begin : low + end] = -1
     room = truck.chassis.length + GAP
     capacity = np.where(stop >= clear, 1 + np.floor((stop - clear) / room), 0).astype(np.int32)
-    piece_bend = np.maximum.reduceat(np.abs(track.curvature), track.first[:-1])
-    bent = (piece_bend > BEND) & (track.source >= 0)
+    bent = (np.maximum.reduceat(np.abs(track.curvature), track.first[:-1]) > BEND) & (track.source >= 0)
     ra, rb = resource[pairs[:, 0]], resource[pairs[:, 1]]
     keep = (ra >= 0) & (rb >= 0) & (ra != rb)
     apart = unique_pairs(ra[keep], rb[keep])

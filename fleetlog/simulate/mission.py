@@ -188,8 +188,7 @@ def _driven(
     columns = [np.concatenate([getattr(p, c) for p in alone]) for c in ("distance", "speed", "time")]
     leaves = np.concatenate([p.time + p.wait for p in alone])
     leave = np.array([clock[u] + trip.earliest for u, trip in trips])
-    work = np.array([trip.work for _, trip in trips])
-    drives = Drives._make([*columns, leaves, first, leave, work])
+    drives = Drives._make([*columns, leaves, first, leave, np.array([trip.work for _, trip in trips])])
     trucks = np.arange(len(replays) + 1)
     table = (gates[c].to_numpy(np.int64) for c in ("at", "truck", "node", "meeting", "side"))
     closed = Gates._make([np.searchsorted(gates.owner, trucks), *table])

@@ -59,8 +59,7 @@ class VehicleReplay:
             self.legs.setdefault(leg.trip, []).append(leg)
         self.mast = forks(recorded.seconds(), recorded)
         self.time = recorded.seconds()
-        gaps = np.diff(self.time)
-        self.interval = max(round(float(np.median(gaps)) / FINE), 1) * FINE
+        self.interval = max(round(float(np.median(np.diff(self.time))) / FINE), 1) * FINE
         self.totals = np.zeros(6)
         self.written = 0
         soc = recorded.floats("soc")
@@ -100,8 +99,7 @@ class VehicleReplay:
         self.totals[:3] += leg.distance[-1], leg.duration, self.energy[a:b].sum()
         leave, arrive = float(leg.path.time[0]), float(leg.path.time[-1])
         payload, work = float(np.median(leg.path.payload)), self._work(rows, arrive)
-        drive = self.free_flow(leg)
-        return Trip(number, rows, leave, arrive, self._beside(leg), drive, payload, leave, work)
+        return Trip(number, rows, leave, arrive, self._beside(leg), self.free_flow(leg), payload, leave, work)
 
     def free_flow(self, leg: Leg) -> SpeedProfile:
         """Speeds on a leg; into a bay and out of it a truck creeps."""
@@ -116,8 +114,7 @@ class VehicleReplay:
         if network is None:
             return leg
         x, y, _ = network.position(np.maximum(p.edge, 0), p.edge_offset).T
-        path = p.replaced(x=np.where(p.edge >= 0, x, p.x), y=np.where(p.edge >= 0, y, p.y))
-        return replace(leg, path=path)
+        return replace(leg, path=p.replaced(x=np.where(p.edge >= 0, x, p.x), y=np.where(p.edge >= 0, y, p.y)))
 
     def _beside(self, leg: Leg) -> Leg:
         """The leg on its lanes, without a jump at corners."""
@@ -144,8 +141,7 @@ class VehicleReplay:
         if not len(rows):
             return
         steps = max(round(self.interval / FINE), 1)
-        inside = ((np.arange(steps) + 0.5) / steps - 0.5) * self.interval
-        fine = (rows[:, None] + inside).ravel()
+        fine = (rows[:, None] + ((np.arange(steps) + 0.5) / steps - 0.5) * self.interval).ravel()
         motion = self._motion(trip, fine, leave, arrival)
         power = battery_power(motion, self.physics)
         # What a standing truck is charged with is taken over as recorded.

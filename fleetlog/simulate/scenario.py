@@ -75,8 +75,7 @@ def attempt(scenario: Scenario) -> Summary | str:
 
 def with_plugs(site: Site, place: str, plugs: int) -> Site:
     """The site with room for so many trucks at one of its places."""
-    changed = (replace(p, plugs=plugs) if p.id == place else p for p in site.places)
-    return replace(site, places=tuple(changed))
+    return replace(site, places=tuple(replace(p, plugs=plugs) if p.id == place else p for p in site.places))
 
 
 def one_more(scenario: Scenario, before: Summary) -> dict[str, Any]:
@@ -131,8 +130,7 @@ def factor(text: str) -> Factor:
     name, equals, values = text.partition("=")
     if not equals or not name.strip() or not values.strip():
         raise DataError(f"{text!r} is no setting with values", do="write NAME=VALUES, such as plugs=2..6")
-    found = tuple(v for part in values.split(",") for v in _values(part.strip()))
-    kept = tuple(dict.fromkeys(found))
+    kept = tuple(dict.fromkeys(v for part in values.split(",") for v in _values(part.strip())))
     # What a road costs shows beside the site without it.
     return Factor(name.strip(), (NONE, *(v for v in kept if v != NONE)) if name.strip() == "close" else kept)
 

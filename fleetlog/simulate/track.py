@@ -85,8 +85,7 @@ def joined(start: Floats, out: float, end: Floats, into: float) -> Floats:
         first = (gap[0] * b[1] - gap[1] * b[0]) / cross
         last = (a[0] * gap[1] - a[1] * gap[0]) / cross
         if first > 1e-3 and last > 1e-3 and abs(turn) < 2.6:
-            bow = arc(start + first * a, a, turn, min(first, last))
-            return np.concatenate([[start], bow, [end]])
+            return np.concatenate([[start], arc(start + first * a, a, turn, min(first, last)), [end]])
     # A cubic whose handles point along the headings.
     handle = max(0.65 * float(np.hypot(*gap)), 0.5)
     u, p1, p2 = np.linspace(0.0, 1.0, 41)[:, None], start + handle * a, end - handle * b

@@ -172,8 +172,7 @@ class Untangler:
             if now - since > patience:
                 self._changed[v] = now
                 self._other_door(v)
-        still = self.watch.still(now)
-        stuck: list[int] = np.flatnonzero(still > STUCK).tolist()
+        stuck: list[int] = np.flatnonzero(self.watch.still(now) > STUCK).tolist()
         found = {frozenset(ring) for ring in rings(self.watch.blockers(stuck))} if stuck else set()
         known, self._known = self._known, {}
         for ring in sorted(found, key=min):

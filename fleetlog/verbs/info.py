@@ -95,8 +95,7 @@ def describe(path: Path) -> Figures:
         return _dataset(path)
     if (path / MARK).is_file():
         return _output(path)
-    by_suffix = {".rrd": _recording, ".toml": _truck_or_site}
-    return by_suffix.get(path.suffix.lower(), _log_or_map)(path)
+    return {".rrd": _recording, ".toml": _truck_or_site}.get(path.suffix.lower(), _log_or_map)(path)
 
 
 def _output(path: Path) -> Figures:

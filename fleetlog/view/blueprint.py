@@ -180,10 +180,9 @@ def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
     else:
         right.append(summary)
     plans = rrb.Horizontal(*below, column_shares=[3, 2][: len(below)])
-    shares = [first, *[1.0] * (len(right) - 1)]
     columns = [
         rrb.Vertical(floor_view(screen, "Site"), plans, row_shares=[3, 2]),
-        rrb.Vertical(*right, row_shares=shares),
+        rrb.Vertical(*right, row_shares=[first, *[1.0] * (len(right) - 1)]),
     ]
     return whole(screen, columns, [5, 3])
 

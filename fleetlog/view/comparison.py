@@ -72,8 +72,7 @@ def write_comparison(
 def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
     """Curves for the vehicles that both have; which kinds there are."""
     found: set[str] = set()
-    common = sorted(set(a.dataset.vehicles) & set(b.dataset.vehicles))[:MANY]
-    for number, vehicle in enumerate(common):
+    for number, vehicle in enumerate(sorted(set(a.dataset.vehicles) & set(b.dataset.vehicles))[:MANY]):
         spent, style = 0.0, curve_style(vehicle, palette.vehicle_colour(number))
         theirs = list(b.days(vehicle))
         other = concatenate(theirs) if theirs else Trajectory(vehicle, np.zeros(0, np.int64))

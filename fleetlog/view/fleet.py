@@ -157,8 +157,7 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
     if lane.last is None and lane.origin is not None and lane.origin < begins[0]:
         hidden = np.append(lane.origin, hidden)
     path, (time, _, shown) = lane.path("trucks", "dot"), _in_order(begins, hidden)
-    dot = rr.Points3D.from_fields(radii=ui_points(3.5), colors=lane.colour, show_labels=labels)
-    stream.static(path, dot)
+    stream.static(path, rr.Points3D.from_fields(radii=ui_points(3.5), colors=lane.colour, show_labels=labels))
     point, names = np.tile([0.0, 0.0, 1.0], (len(cuts), 1)), [lane.vehicle] * len(cuts)
     stream.rows(path, time, rr.Points3D, shown, positions=point, labels=names)
     starts = [s.start for s in clock.pieces(t.time, clock.gap_limit(t.time))]

@@ -171,7 +171,6 @@ def colour_map(diverging: bool, screen: bool) -> Colormap:
 
 def screen_colours(values: Floats, scale: Scale) -> NDArray[Any]:
     """(..., 4) uint8 colours for the viewer; wholly transparent where the value is NaN."""
-    shares = scale.norm()(np.nan_to_num(values))
-    rgba = np.array(colour_map(scale.diverging, True)(shares, bytes=True))
+    rgba = np.array(colour_map(scale.diverging, True)(scale.norm()(np.nan_to_num(values)), bytes=True))
     rgba[~np.isfinite(values), 3] = 0
     return rgba

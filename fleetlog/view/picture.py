@@ -195,8 +195,7 @@ def _over_time(axes: Axes, x: NDArray[Any], values: Floats, zone: str) -> tuple[
     shown = first[:: -(-len(first) // 6)]
     axes.set_xticks(at[shown], [f"{pd.Timestamp(local[k]):%d %b\n%H:%M}" for k in shown], ha="left")
     # A row of nothing in every silence breaks the curves.
-    middle = 0.5 * (at[cut] + at[cut + 1])
-    return np.insert(at, cut + 1, middle), np.insert(values, cut + 1, np.nan, axis=1)
+    return np.insert(at, cut + 1, 0.5 * (at[cut] + at[cut + 1])), np.insert(values, cut + 1, np.nan, axis=1)
 
 
 def draw_bars(axes: Axes, bars: Bars) -> None:

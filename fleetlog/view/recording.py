@@ -75,8 +75,7 @@ def write_recording(
         text = "\n".join(periods) + summary_markdown(dataset, figures=day is None)
         stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         log_fleet(stream, screen, Fleet(dataset, rate_hz))
-        latitude = None if site.frame is None else site.frame.latitude
-        blueprint.send(stream, blueprint.replay(screen, latitude))
+        blueprint.send(stream, blueprint.replay(screen, None if site.frame is None else site.frame.latitude))
     return Path(out_rrd)
 
 

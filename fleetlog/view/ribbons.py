@@ -105,8 +105,7 @@ def open_ring(polygon: Floats) -> Floats:
 def floor_polygon(polygon: Floats, z: float) -> Floats:
     """Triangles of a polygon lying at height ``z``, facing up."""
     ring = open_ring(polygon)
-    solid = np.column_stack([ring, np.full(len(ring), z)])
-    return np.asarray(solid[triangulate(ring)], dtype=np.float64)
+    return np.asarray(np.column_stack([ring, np.full(len(ring), z)])[triangulate(ring)], dtype=np.float64)
 
 
 def walls(polygon: Floats, low: float, high: float) -> Floats:
@@ -138,8 +137,7 @@ def head(line: Floats) -> Floats:
 
 def broken(start: Floats, end: Floats) -> list[Floats]:
     """The dashes of an arc; the last one reaches its end."""
-    count = int(np.clip(np.hypot(*(end - start)[:2]) / (2.0 * DASH), 3, 40))
-    line = arc(start, end, 2 * count + 2)
+    line = arc(start, end, 2 * int(np.clip(np.hypot(*(end - start)[:2]) / (2.0 * DASH), 3, 40)) + 2)
     return [line[k : k + 2] for k in range(0, len(line), 2)]
 
 

@@ -182,8 +182,7 @@ def _resampled(area: Ints, unit: Ints, units: int, delay: Floats) -> tuple[Float
     """90 % interval of every area's delay and its share of first ranks, over 500 resamples of all units."""
     table = np.zeros((units, int(area.max()) + 1))
     np.add.at(table, (unit, area), delay)
-    rng = np.random.default_rng(0)
-    draws = rng.multinomial(units, np.full(units, 1 / units), size=500) @ table
+    draws = np.random.default_rng(0).multinomial(units, np.full(units, 1 / units), size=500) @ table
     first = np.bincount(draws.argmax(axis=1), minlength=table.shape[1]) / len(draws)
     return (*np.quantile(draws, [0.05, 0.95], axis=0), first)
 
@@ -195,8 +194,7 @@ def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> Ints:
     at, middle = (t[["x", "y"]].to_numpy(float) for t in (table, areas))
     outside = np.hypot(*(at[:, None] - middle).T).T - areas.radius.to_numpy()
     best = outside.argmin(axis=1)
-    near = outside[np.arange(len(table)), best] <= MARGIN
-    return np.where(near, areas.area.to_numpy()[best], 0)
+    return np.where(outside[np.arange(len(table)), best] <= MARGIN, areas.area.to_numpy()[best], 0)
 
 
 def timeline(c: Crowds, watched: Watched, area: Ints, dates: Sequence[str]) -> Series:

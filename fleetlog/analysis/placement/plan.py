@@ -141,8 +141,7 @@ def flow_counts(visits: list[Ints], n: int) -> sparse.csr_array:
 
 def visit_share(visits: list[Ints], n: int) -> Floats:
     """(n,) share of arrivals, the first vertex of a sequence not counted."""
-    arrivals = np.concatenate([np.zeros(0, np.int64), *(s[1:] for s in visits)])
-    counts = np.bincount(arrivals, minlength=n)
+    counts = np.bincount(np.concatenate([np.zeros(0, np.int64), *(s[1:] for s in visits)]), minlength=n)
     return np.asarray(counts / max(int(counts.sum()), 1), dtype=np.float64)
 
 
@@ -190,8 +189,7 @@ def vertex_distances(network: Network, weight: Floats | None = None) -> Floats:
     cost = np.full((len(network.node_ids),) * 2, np.inf)
     # Of parallel edges the shortest counts.
     np.minimum.at(cost, (network.start, network.end), network.length if weight is None else weight)
-    graph = sparse.csr_array(np.where(np.isfinite(cost), np.maximum(cost, 1e-9), 0.0))
-    return np.asarray(dijkstra(graph))
+    return np.asarray(dijkstra(sparse.csr_array(np.where(np.isfinite(cost), np.maximum(cost, 1e-9), 0.0))))
 
 
 @dataclass(frozen=True)
@@ -214,8 +212,7 @@ class Question:
 
     def nearest(self, sites: Ints, weight: Floats) -> Floats:
         """(k,) sums of a ``weight`` (n,) over the vertices to which each site is the nearest."""
-        to = self.cost[:, sites].argmin(axis=1)
-        return np.bincount(to, weight, len(sites)).astype(float)
+        return np.bincount(self.cost[:, sites].argmin(axis=1), weight, len(sites)).astype(float)
 
 
 @dataclass(frozen=True)

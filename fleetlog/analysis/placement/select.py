@@ -62,8 +62,7 @@ def p_median(
     starts = (np.concatenate([fixed, rest]).astype(np.int64) for rest in (greedy(cost, fixed, k), *drawn))
     found = [interchange(cost, start, must) for start in starts]
     chosen, value = min(found, key=lambda f: (round(f[1], 12), tuple(f[0])))
-    start = np.median(cost, axis=1) * 0.5 + np.min(cost, axis=1) * 0.5
-    bound = lagrangian(cost, start, k, must, value)
+    bound = lagrangian(cost, np.median(cost, axis=1) * 0.5 + np.min(cost, axis=1) * 0.5, k, must, value)
     if value - bound > 1e-9 * max(value, 1e-300) and cost.size <= EXACT_CELLS:
         result = _program(cost, k, must)
         chosen, value = np.flatnonzero(result.x[: len(candidates)] > 0.5), float(result.fun)
@@ -174,8 +173,7 @@ def _program(cost: Floats, k: int, forced: Mask, share: Floats | None = None, ca
     ]
     if share is not None:
         entries = np.r_[share[i], np.full(n, -capacity)]
-        full = _sparse(entries, np.r_[j, site], np.r_[y, site], width)
-        rules.append(LinearConstraint(full, -np.inf, 0.0))
+        rules.append(LinearConstraint(_sparse(entries, np.r_[j, site], np.r_[y, site], width), -np.inf, 0.0))
     whole = np.arange(width) < n
     low = Bounds(np.where(whole, np.resize(forced, width), 0.0), 1)
     cost = np.r_[np.zeros(n), cost.ravel()]
@@ -197,8 +195,7 @@ def spaced(rank: Floats, distance: Floats, k: int, spacing: float) -> Choice:
         rules.append(LinearConstraint(both, -np.inf, 1.0))
     # A hair's preference for small numbers breaks ties the same way every time.
     cost = -(rank - 1e-10 * rank.max() * np.arange(n) / n)
-    found = milp(cost, constraints=rules, integrality=np.ones(n), bounds=Bounds(0, 1))
-    sites = np.flatnonzero(found.x > 0.5)
+    sites = np.flatnonzero(milp(cost, constraints=rules, integrality=np.ones(n), bounds=Bounds(0, 1)).x > 0.5)
     return Choice(sites, float(rank[sites].sum()), 0.0)
 
 
@@ -211,6 +208,5 @@ def cover(weight: Floats, distance: Floats, k: int, radius: float) -> Choice:
     rules = [LinearConstraint(link, -np.inf, 0.0), LinearConstraint(site.astype(float)[None], 0.0, k)]
     total = max(weight.sum(), 1e-300)
     cost = np.r_[1e-10 * np.arange(n) / n, -weight / total]
-    found = milp(cost, constraints=rules, integrality=site, bounds=Bounds(0, 1))
-    sites = np.flatnonzero(found.x[:n] > 0.5)
+    sites = np.flatnonzero(milp(cost, constraints=rules, integrality=site, bounds=Bounds(0, 1)).x[:n] > 0.5)
     return Choice(sites, float(weight[(distance[:, sites] <= radius).any(axis=1)].sum() / total), 0.0)

@@ -86,8 +86,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     d = f.door[v]
     lane, at = r.door_lane[d], r.door_at[d]
     rear = at - 0.5 * x.length - x.gap
-    safe_lane = is_safe_lane(r, lane)
-    if safe_lane and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
+    if is_safe_lane(r, lane) and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
         return False
     if comes_in(r, f, lane, at, rear - 0.5 * x.length, x):
         return False

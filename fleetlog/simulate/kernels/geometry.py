@@ -168,8 +168,7 @@ def brake_ahead(cap: Floats, first: Ints, spacing: Floats, down: float) -> Float
     out = cap.copy()
     for p in range(len(first) - 1):
         for i in range(first[p + 1] - 2, first[p] - 1, -1):
-            reach = np.sqrt(out[i + 1] * out[i + 1] + 2.0 * down * spacing[p])
-            out[i] = min(out[i], reach)
+            out[i] = min(out[i], np.sqrt(out[i + 1] * out[i + 1] + 2.0 * down * spacing[p]))
     return out
 
 
