@@ -41,8 +41,7 @@ def later() -> Iterator[None]:
 def obey() -> None:
     """Let a worker end, cleaning up, when its parent says so (SIGTERM); a terminal sends signals to all."""
     for number in SIGNALS:  # None in two steps: to ignore one, be it for a moment, drops one that waits
-        leave = number == signal.SIGTERM
-        signal.signal(number, (lambda *_: sys.exit()) if leave else signal.SIG_IGN)
+        signal.signal(number, (lambda *_: sys.exit()) if number == signal.SIGTERM else signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 

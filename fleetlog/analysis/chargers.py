@@ -83,8 +83,7 @@ def chargers(
     weighed = plan.weigh(units, q)
     choice = plan.choose(weighed, q)
     summary = summarise(units, q, weighed, choice) | {"stability": plan.stability(units, choice, q)}
-    sites = site_table(units, q, weighed, choice)
-    sites = _kept(dataset, sites, demand)
+    sites = _kept(dataset, site_table(units, q, weighed, choice), demand)
     if check and truck is not None:
         fleet = Settings(vehicles or len(dataset.vehicles), seconds(duration), seed=seed, soc=soc)
         summary["check"] = try_plan(dataset, sites, truck, fleet)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fleetlog.analysis.utilisation import charging
 from fleetlog.calibrate.fit import UNKNOWNS
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
@@ -63,20 +63,16 @@ def gathered(books: Sequence[Book], what: str) -> pd.DataFrame:
     return table.fillna({name: 0.0 for name in table.columns if name.startswith("J_")})
 
 
-def _source(trajectory: Trajectory, known: Mask) -> str:
-    """What the measured energy of some trips is taken from."""
-    if trajectory.has("battery_power"):
-        return "power"
-    return "voltage and current" if known.any() else "soc" if trajectory.has("soc") else "nothing"
-
-
 def keep_book(
     trajectory: Trajectory, found: Reconstruction, physics: Physics, site: Site, battery: BatteryModel
 ) -> Book:
     """The sums of some trips of one vehicle from the motion ``found`` in them."""
     fine, dt, power = found.motion, found.dt_row, measured_power(trajectory)
     truck, metres, nothing = physics.actual_truck, fine.speed * fine.dt, np.zeros(len(dt))
-    source, soc = _source(trajectory, np.isfinite(power)), trajectory.floats("soc")
+    # What the measured energy is taken from: the first that the log has.
+    has = {"power": trajectory.has("battery_power"), "voltage and current": np.isfinite(power).any()}
+    source = next((s for s, so in (has | {"soc": trajectory.has("soc")}).items() if so), "nothing")
+    soc = trajectory.floats("soc")
     level = pd.Series(soc).ffill().to_numpy(float)
     gauge = -np.diff(level, append=level[-1:]) * truck.battery.capacity_wh * 3600.0
     taken, plugged = gauge if source == "soc" else power * dt, charging(trajectory)

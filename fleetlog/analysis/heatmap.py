@@ -99,8 +99,7 @@ def _edge_layer(network: Network, here: HeatMap, quantity: Quantity) -> tuple[pd
     end = np.minimum(start + maps.STRETCH, network.length[edge])
     names = np.array(network.edge_ids, dtype=object)[edge]
     table = pd.DataFrame({"edge_id": names, "from": start, "to": end, **maps.by_name(here.edges[:, seen])})
-    label = maps.LABELS[quantity].replace("/m²", "")
-    return table, EdgeValues("roads", edge, start, end, v[seen], label)
+    return table, EdgeValues("roads", edge, start, end, v[seen], maps.LABELS[quantity].replace("/m²", ""))
 
 
 def _summary(dataset: Dataset, here: HeatMap, quantity: Quantity, smooth: float) -> dict[str, Any]:

@@ -92,10 +92,9 @@ def _events(t: Trajectory, site: Site, margin: float) -> tuple[list[tuple[Any, .
     step = np.diff(t.time, append=t.time[-1:]) * 1e-6
     dt = np.where(step <= MAX_GAP, step, 0.0)
     driven = float(dt[np.isfinite(limit) & (speed > STANDING_SPEED)].sum())
-    over = (speed > limit * (1.0 + margin)) & (dt > 0.0)
     x, y = t.floats("x"), t.floats("y")
     rows: list[tuple[Any, ...]] = []
-    for a, b in runs(over):
+    for a, b in runs((speed > limit * (1.0 + margin)) & (dt > 0.0)):
         k = a + int(np.argmax(speed[a:b] - limit[a:b]))
         place = site.zones[-1 - whose[k]].id if whose[k] < 0 else site.roads().edge_ids[whose[k]]
         figures = dt[a:b].sum(), speed[a:b].max(), limit[k]

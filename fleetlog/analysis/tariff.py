@@ -69,8 +69,7 @@ def load_tariff(path: str | Path) -> Tariff:
 
 def _hours(begin: int, end: int, days: list[int]) -> Mask:
     """(7, 24) the hours of a period that begins on each of ``days``."""
-    length = (end - begin) % 24 or 24
-    hours = np.add.outer(24 * np.array(days), begin + np.arange(length)) % (7 * 24)
+    hours = np.add.outer(24 * np.array(days), begin + np.arange((end - begin) % 24 or 24)) % (7 * 24)
     return np.isin(np.arange(7 * 24), hours).reshape(7, 24)
 
 

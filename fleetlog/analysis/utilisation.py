@@ -180,8 +180,7 @@ def _handling(t: Trajectory, still: Mask, load: Floats) -> Mask:
         return np.zeros(len(t), dtype=bool)
     after = np.searchsorted(at, t.time)
     near = [np.abs(t.time - at[np.clip(after + k, 0, len(at) - 1)]) for k in (-1, 0)]
-    reach = REACH if t.has("fork_height") else REACH_WITHOUT_FORKS
-    return np.asarray(np.minimum(*near) <= reach * 1e6)
+    return np.asarray(np.minimum(*near) <= (REACH if t.has("fork_height") else REACH_WITHOUT_FORKS) * 1e6)
 
 
 def quarters(table: pd.DataFrame) -> pd.DataFrame:

@@ -57,9 +57,8 @@ class Answer(Result):
     @classmethod
     def of(cls, result: Result, site: Site | None = None, **more: Any) -> Answer:
         """Return the answer of an analysis: its folder has JSON, tables, a picture and a recording."""
-        own = {f.name: getattr(result, f.name) for f in fields(Result)}
         more.setdefault("write", partial(write_folder, result, site or Site()))
-        return cls(**own, site=site, **more)
+        return cls(**{f.name: getattr(result, f.name) for f in fields(Result)}, site=site, **more)
 
     @property
     def dataset(self) -> Dataset:

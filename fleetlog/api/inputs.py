@@ -139,8 +139,7 @@ def _written(frame: Any, name: str) -> Path:
     """A temporary file of a table; a named index (of time, say) is a column."""
     file = scratch.folder() / name
     plain = frame.reset_index() if any(frame.index.names) else frame
-    write = plain.to_csv if name.endswith(".csv") else plain.to_parquet
-    write(file, index=False)
+    (plain.to_csv if name.endswith(".csv") else plain.to_parquet)(file, index=False)
     return file
 
 

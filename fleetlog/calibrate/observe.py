@@ -65,8 +65,7 @@ class Run:
         """Standard deviation of the observed figure, in its unit."""
         if not np.isnan(self.sigma):
             return self.sigma
-        least = 0.0 if self.kind == "coast_down" else LEAST_SIGMA
-        return max(abs(DEFAULT_SIGMA * self.measured), least)
+        return max(abs(DEFAULT_SIGMA * self.measured), 0.0 if self.kind == "coast_down" else LEAST_SIGMA)
 
     def motion(self, truck: Truck) -> Motion:
         """One repeat, as it was driven; nothing of a coast-down, whose time is measured."""
@@ -142,8 +141,7 @@ def _run(row: dict[str, str | None], path: Path, place: str) -> Run:
             raise InputError(f"a run of kind {kind} needs {column!r}", where=path, place=place)
     run = Run(name, kind, **numbers)
     if run.end_speed >= run.speed:
-        what = "the end speed is not below the speed"
-        raise InputError(what, where=path, place=f"{place}, end_speed")
+        raise InputError("the end speed is not below the speed", where=path, place=f"{place}, end_speed")
     return run
 
 

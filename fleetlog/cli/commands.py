@@ -21,6 +21,9 @@ from fleetlog.errors import ArgumentError, nearest
 from fleetlog.listening import Progress, listening, unheard
 from fleetlog.registry import part_lines
 
+if TYPE_CHECKING:
+    from fleetlog.api.answer import Answer
+
 TELLING = (
     click.Option(["--json", "as_json"], is_flag=True, help="Print the summary as one JSON object."),
     click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors."),
@@ -41,7 +44,7 @@ class Listed(click.Group):
     def __init__(
         self, lines: Callable[[], dict[str, str]], load: Callable[[str], click.Command], **more: Any
     ) -> None:
-        super().__init__(**more)
+        super().__init__(no_args_is_help=True, **more)
         self.lines, self.load = lines, load
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -73,10 +76,7 @@ def load_verb(name: str) -> click.Command:
     found = getattr(fleetlog, "import_" if name == "import" else name)
     if isinstance(found, Verb):
         return command_of(found)
-    return Listed(
-        found.lines, lambda n: command_of(found.named(n)), name=name, help=verb_lines()[name],
-        no_args_is_help=True,
-    )  # fmt: skip
+    return Listed(found.lines, lambda n: command_of(found.named(n)), name=name, help=verb_lines()[name])
 
 
 def command_of(verb: Verb) -> click.Command:
@@ -121,11 +121,6 @@ def _run(verb: Verb, as_json: bool, quiet: bool, verbose: bool, **values: Any) -
         return tell(verb, given, as_json=as_json, quiet=quiet, verbose=verbose)
     except ArgumentError as error:
         raise click.UsageError(error.line(), context) from None
-
-
-if TYPE_CHECKING:
-    from fleetlog.api.answer import Answer
-    from fleetlog.api.verb import Verb
 
 
 def tell(verb: Verb, given: dict[str, Any], *, as_json: bool, quiet: bool, verbose: bool) -> int:

@@ -15,7 +15,7 @@ from fleetlog.cli.commands import Listed, load_verb, notice, verb_lines
 from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
 
 cli = Listed(
-    verb_lines, load_verb, name="fleetlog", no_args_is_help=True,
+    verb_lines, load_verb, name="fleetlog",
     help="Replay, simulate and explain the logs of electric vehicle fleets.",
     context_settings={"help_option_names": ["-h", "--help"]},
 )  # fmt: skip

@@ -1,7 +1,6 @@
 """What stands on a page, and the house of all pages: one set of templates and one style sheet."""
 
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 import jinja2
@@ -79,16 +78,13 @@ def picture(facts: Facts, shape: Layer | Panel | None, caption: str, result: Res
     return Picture(svg(whole, facts.site, shape, salt=salt, scale=scale, zone=facts.zone), caption)
 
 
-@cache
-def _house() -> jinja2.Environment:
-    house = jinja2.Environment(
-        loader=jinja2.PackageLoader("fleetlog.report", "templates"), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
-    house.filters["drawn"] = Markup
-    return house
+_HOUSE = jinja2.Environment(
+    loader=jinja2.PackageLoader("fleetlog.report", "templates"), autoescape=True, trim_blocks=True,
+    lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+)  # fmt: skip
+_HOUSE.filters["drawn"] = Markup
 
 
 def render(template: str, **values: Any) -> str:
     """One self-contained HTML page; all but pictures of our own (filter ``drawn``) is escaped."""
-    return _house().get_template(template).render(**values)
+    return _HOUSE.get_template(template).render(**values)

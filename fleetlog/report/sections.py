@@ -162,8 +162,7 @@ def places(f: Facts) -> Part:
             part.blocks.append(picture(f, None, "Places where trucks stop; the larger, the longer", result))
         else:
             part.lines.append("No place was visited three times or more.")
-    for grid in shapes(f, "heatmap", Grid)[:1]:
-        part.blocks.append(picture(f, grid, "How often trucks pass"))
+    part.blocks += [picture(f, grid, "How often trucks pass") for grid in shapes(f, "heatmap", Grid)[:1]]
     return part
 
 

@@ -106,8 +106,7 @@ class Dispatcher(Occupancy):
         elif job.stage == "visit":
             job.stage, job.since = "staying", now + max(job.stay - self.manoeuvre[self.home[v]], 0.0)
         elif job.stage == "park":
-            begun = "loaded" if f.load[v] > 0.0 else "assigned"
-            job.stage = begun if job.task is not None else "idle"
+            job.stage = ("loaded" if f.load[v] > 0.0 else "assigned") if job.task is not None else "idle"
 
     def _handle(self, v: int, now: float, bring: bool) -> None:
         """Take the load, or set it down."""

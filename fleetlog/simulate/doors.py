@@ -115,8 +115,7 @@ def recorded_stands(stands: Stands, cluster: Ints, names: Sequence[str]) -> dict
         turn = np.cos(stands.out[mine] - stands.into[mine])
         turns = bool(np.mean(turn[np.isfinite(turn)] < 0.0) > 0.5) if np.isfinite(turn).any() else False
         x, y = np.median(stands.x[mine]), np.median(stands.y[mine])
-        heading = np.angle(np.exp(1j * stands.into[mine]).mean())
-        out[name] = Stand(float(x), float(y), float(heading), turns)
+        out[name] = Stand(float(x), float(y), float(np.angle(np.exp(1j * stands.into[mine]).mean())), turns)
     return out
 
 
@@ -131,8 +130,7 @@ def door_beside(
         k = int(track.first[lane] + round(float(np.clip(at, low, high)) / track.spacing[lane]))
         if high < low or abs(np.angle(np.exp(1j * (track.heading[k] - stand.heading)))) > ALONG:
             continue
-        ahead = np.outer([0.0, LENGTH], [1.0, 0.0, 0.0, 0.0])
-        path = moved(ahead, track.x[k], track.y[k], track.heading[k])
+        path = moved(np.outer([0.0, LENGTH], [1.0, 0.0, 0.0, 0.0]), track.x[k], track.y[k], track.heading[k])
         on_lane = (k - track.first[lane]) * float(track.spacing[lane])
         return Door(lane, on_lane, path, LENGTH, 0.5 * truck.chassis.length, passed=True)
     return None

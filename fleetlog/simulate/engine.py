@@ -94,8 +94,7 @@ def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
 
 def vehicle_names(n: int) -> list[str]:
     """T1 ... Tn, padded to one width."""
-    width = len(str(n))
-    return [f"T{i + 1:0{width}d}" for i in range(n)]
+    return [f"T{i + 1:0{len(str(n))}d}" for i in range(n)]
 
 
 def _check(settings: Settings) -> None:

@@ -53,9 +53,8 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     skip = np.full(len(owner), -1, np.int32)
     pairs = meetings(track.x, track.y, track.z, track.heading, owner, every, *half_box(truck), skip)
     a, b = owner[pairs[:, 0]], owner[pairs[:, 1]]
-    own = _follow_each_other(track, a, b)
     touched = np.zeros(len(owner), dtype=bool)
-    touched[pairs[~own].ravel()] = True
+    touched[pairs[~_follow_each_other(track, a, b)].ravel()] = True
     clear, stop = np.zeros(lanes), np.full(lanes, -1.0)
     resource = owner.copy()
     for lane in range(lanes):

@@ -100,9 +100,7 @@ class Tally:
         trucks = Resource("trucks", len(d.names), None, busy, float(tasks.sum()) / self.seconds)
         found += [self._junctions(traffic), trucks]
         worst = max(found[:-1], key=lambda r: r.queue)
-        bottleneck = trucks if busy > BUSY else None
-        if worst.queue > MATERIAL * trucks.count:
-            bottleneck = worst
+        bottleneck = worst if worst.queue > MATERIAL * trucks.count else trucks if busy > BUSY else None
         some = tasks if len(tasks) else np.zeros(1)
         waits = (some.mean(), np.quantile(some, 0.95), some.max())
         summary = dict(zip(("mean", "p95", "longest"), map(float, waits), strict=True))

@@ -73,12 +73,11 @@ def find_stands(dataset: Dataset) -> Stands:
 def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
     """The truck, and its (n, 10) standstills on one day."""
     t = dataset.read(vehicle, date, COLUMNS)
-    still = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
     gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
     load, height = np.nan_to_num(t.floats("payload")), np.nan_to_num(t.floats("fork_height"))
     x, y, soc = t.floats("x"), t.floats("y"), t.floats("soc")
     out = []
-    for a, b in runs(still):
+    for a, b in runs(np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED):
         first, last = max(a - 1, 0), min(b, len(t) - 1)
         changes = abs(load[last] - load[first]) > MIN_LOAD_CHANGE
         if gap[a + 1 : b].any() or ((t.time[b - 1] - t.time[a]) * 1e-6 < MIN_DWELL and not changes):

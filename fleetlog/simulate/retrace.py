@@ -105,8 +105,7 @@ class VehicleReplay:
         """Speeds on a leg; into a bay and out of it a truck creeps."""
         limit, off = speed_limits(self.site, leg.path), leg.path.edge < 0
         slow = np.minimum(limit, creep_speed(self.physics.actual_truck))
-        limit = np.where(off & (not off.all()), slow, limit)
-        return free_flow(leg, self.physics.at(leg.path.time[0]), limit)
+        return free_flow(leg, self.physics.at(leg.path.time[0]), np.where(off & (not off.all()), slow, limit))
 
     def _drawn(self, leg: Leg) -> Leg:
         """The leg on the middle of its roads, where it lies on roads."""
@@ -180,9 +179,7 @@ class VehicleReplay:
     def _along(self, name: str, time: Floats) -> Floats:
         values = self.recorded.floats(name)
         good = np.isfinite(values)
-        if not good.any():
-            return np.full(len(time), np.nan)
-        return np.interp(time, self.time[good], values[good])
+        return np.interp(time, self.time[good], values[good]) if good.any() else np.full(len(time), np.nan)
 
     def _doing(self, trip: Trip, time: Floats, dt: float, leave: float, arrival: float) -> dict[str, Floats]:
         """Forks, load (on the way the trip's) and recorded power, as after the arrival."""

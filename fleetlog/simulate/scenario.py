@@ -57,12 +57,11 @@ class Scenario:
     def run(self) -> Summary:
         """Simulate and keep only the summary."""
         second = max(round(1.0 / self.settings.step), 1) * self.settings.step
-        few_rows = replace(self, settings=replace(self.settings, interval=10.0 * second))
         with (
             TemporaryDirectory(dir=scratch.folder()) as folder,
             DatasetWriter.create(Path(folder) / "run", "simulated", self.site) as writer,
         ):
-            return few_rows.write(writer)
+            return replace(self, settings=replace(self.settings, interval=10.0 * second)).write(writer)
 
 
 def attempt(scenario: Scenario) -> Summary | str:
@@ -210,8 +209,7 @@ def experiment(
 
     plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
     rows = []
-    scenarios = [scenario for *_, scenario in plan]
-    results = engines.current().run(attempt, scenarios, lambda s: f"seed {s.settings.seed}")
+    results = engines.current().run(attempt, [s for *_, s in plan], lambda s: f"seed {s.settings.seed}")
     for (number, seed, values, _), outcome in zip(plan, results, strict=True):
         rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
         progress(float(len(rows)), float(len(plan)))
@@ -266,8 +264,7 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
 
 def _lines(table: pd.DataFrame, factors: Sequence[Factor]) -> list[str]:
     """The table for the terminal."""
-    columns = ["tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
-    head = [*(f.name for f in factors), *columns]
+    head = [*(f.name for f in factors), "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
     rows = [[*(str(r[f.name]) for f in factors), *_cells(r)] for r in table.to_dict("records")]
     if not table.task_wait_s.any():
         head, *rows = ([*row[:-2], row[-1]] for row in [head, *rows])

@@ -54,8 +54,7 @@ def rounded(points: Floats, radius: float) -> Floats:
         if abs(turn) < 1e-4 or abs(turn) > 3.0:
             out.append(points[i : i + 1])
             continue
-        half = np.tan(abs(turn) / 2.0)
-        reach = max(radius * half, BOW / np.tan(abs(turn) / 4.0))
+        reach = max(radius * np.tan(abs(turn) / 2.0), BOW / np.tan(abs(turn) / 4.0))
         out.append(arc(points[i], a, turn, min(reach, 0.499 * leg[i - 1], 0.499 * leg[i])))
     return np.concatenate([*out, points[-1:]])
 
@@ -64,10 +63,8 @@ def arc(corner: Floats, into: Floats, turn: float, reach: float) -> Floats:
     """An arc that turns by ``turn`` [rad] from ``reach`` [m] before ``corner`` on, heading ``into``."""
     radius = reach / np.tan(abs(turn) / 2.0)
     begin = corner - reach * into
-    normal = np.array([-into[1], into[0]]) * np.sign(turn)
-    centre = begin + radius * normal
-    n = max(2, int(np.ceil(radius * abs(turn) / FINE)))
-    angle = np.linspace(0.0, turn, n + 1)
+    centre = begin + radius * (np.array([-into[1], into[0]]) * np.sign(turn))
+    angle = np.linspace(0.0, turn, max(2, int(np.ceil(radius * abs(turn) / FINE))) + 1)
     spoke = begin - centre
     c, s = np.cos(angle), np.sin(angle)
     return np.column_stack([centre[0] + c * spoke[0] - s * spoke[1], centre[1] + s * spoke[0] + c * spoke[1]])

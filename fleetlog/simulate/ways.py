@@ -37,8 +37,7 @@ def parts(network: Network) -> Ints:
     turns = np.ones(len(network.next_edges))
     graph = csr_matrix((turns, network.next_edges, network.next_first), shape=(size, size))
     _, label = connected_components(graph, directed=True, connection="strong")
-    lone = np.bincount(label)[label] == 1
-    return np.where(lone & (graph.diagonal() == 0.0), -1, label).astype(np.int64)
+    return np.where((np.bincount(label)[label] == 1) & (graph.diagonal() == 0.0), -1, label).astype(np.int64)
 
 
 def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Mask:
@@ -77,12 +76,11 @@ def with_turns(network: Network, turns: Iterable[tuple[int, int]]) -> Network:
 
 def recorded_turns(dataset: Dataset, network: Network) -> list[tuple[int, int]]:
     """Edges of a network at whose end recorded trucks turned round, each with the opposite edge."""
-    ids = np.array(dataset.site.roads().edge_ids)
     found = [pairs for pairs in each_day(dataset, _half_turns, kinds=(), cost=0.2e-6) if len(pairs)]
     if not found:
         return []
     pairs, count = np.unique(np.concatenate(found), axis=0, return_counts=True)
-    found_ids = ids[pairs[count >= SEEN]].tolist()
+    found_ids = np.array(dataset.site.roads().edge_ids)[pairs[count >= SEEN]].tolist()
     return [(network.index[a], network.index[b]) for a, b in found_ids if {a, b} <= network.index.keys()]
 
 

@@ -37,10 +37,9 @@ def report(
     model = None if truck is None else inputs.as_truck(truck)
     prices = None if tariff is None else inputs.existing(tariff)
     read = inputs.files_of(datasets, truck, tariff)
-    beside = None if tables is None else inputs.as_path(tables)
     with (
         destination(output, "report", overwrite, read, folder=False) as keep,
-        held(beside, overwrite, read) as write_tables,
+        held(None if tables is None else inputs.as_path(tables), overwrite, read) as write_tables,
     ):
         found = reported(opened, truck=model, tariff=prices, timezone=timezone, diagnosis=diagnosis)
         write_tables(found.tables, found.zone)

@@ -104,12 +104,6 @@ def rows_while(times: Ints, start: Ints, end: Ints) -> tuple[Ints, Ints]:
     return row[order], stretch[order]
 
 
-def mean_number(edges: Ints, start: Ints, end: Ints) -> Floats:
-    """(T - 1,) how many stretches there are on average between each two of the (T,) ``edges``."""
-    shared = [(np.clip(end, a, b) - np.clip(start, a, b)).sum() for a, b in itertools.pairwise(edges)]
-    return np.asarray(shared / np.diff(edges))
-
-
 def log_events(stream: Stream, h: Happenings, lanes: list[Lane]) -> set[str]:
     """Those of a small fleet; the kinds that were drawn."""
     log_places(stream, h.drawn, "drawn", labels=False)
@@ -221,7 +215,9 @@ def _log_curves(stream: Stream, h: Happenings, prefix: str, name: str, *, activi
     for doing, rows in h.activities.groupby("activity", observed=True) if activity else ():
         curves["activity", str(doing)] = rows["start"].to_numpy(), rows["end"].to_numpy()
     for (signal, curve), (start, end) in curves.items():
-        if (number := mean_number(edges, start, end)).any():
+        # How many there are on average between each two of the edges.
+        shared = [(np.clip(end, a, b) - np.clip(start, a, b)).sum() for a, b in itertools.pairwise(edges)]
+        if (number := np.asarray(shared / np.diff(edges))).any():
             path, title = entity(prefix, signal, curve), f"{name} {curve.replace('_', ' ')}".strip()
             tint = (palette.STAGES if signal == "open" else palette.ACTIVITIES)[curve]
             log_curve(stream, path, edges[:-1], number, curve_style(title, tint, steps=True))

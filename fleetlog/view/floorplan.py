@@ -88,9 +88,8 @@ def draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
         lines, cmap=colour_map(layer.diverging, False), norm=scale.norm(),
         linewidths=3.2, capstyle="butt", zorder=2,
     )  # fmt: skip
-    casing = LineCollection(lines, colors="#8a9099", linewidths=4.2, capstyle="butt", zorder=1.8)
     strips.set_array(layer.values[keep])
-    axes.add_collection(casing)
+    axes.add_collection(LineCollection(lines, colors="#8a9099", linewidths=4.2, capstyle="butt", zorder=1.8))
     axes.add_collection(strips)
     return strips
 

@@ -141,8 +141,7 @@ def scale_of(values: Floats, diverging: bool = False) -> Scale:
     low = -high if diverging else low
     middle = float(np.median(used)) if len(used) else high
     skewed = high > 0.0 and low in (0.0, -high) and high > SKEWED * middle
-    knee = max(middle, 1e-6 * high) if skewed else float("inf")
-    return Scale(low, high, diverging, top > high, knee)
+    return Scale(low, high, diverging, top > high, max(middle, 1e-6 * high) if skewed else float("inf"))
 
 
 def scales_of(shapes: Sequence[object]) -> dict[str, Scale]:

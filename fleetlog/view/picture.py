@@ -238,10 +238,9 @@ def draw_spread(axes: Axes, spread: Spread) -> None:
         known = np.flatnonzero([len(r) for r in runs])
         for j in known:
             axes.plot(*[np.full(len(runs[j]), places[j]), runs[j]][along], ".", alpha=0.35, **look)
-        means = np.array([runs[j].mean() for j in known])
         half = np.nan_to_num([half_width(runs[j]) for j in known])
         look |= {"yerr" if number else "xerr": half, "fmt": "o-" if number else "o", "label": name or None}
-        ends: Any = [places[known], means][along]
+        ends: Any = [places[known], np.array([runs[j].mean() for j in known])][along]
         axes.errorbar(*ends, lw=1.2, capsize=3, **look)
     axes.set_title(spread.y_label)
     if number:

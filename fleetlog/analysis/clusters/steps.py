@@ -89,8 +89,7 @@ def along_route(
     on = np.where(over, b, np.where(onward | same, a, edge[k]))
     on = np.where((j == i) & (late > 0), np.int32(-1), on)
     at = np.where(over, at - length[a], at)
-    masked = np.where(onward | same, arrived[i], arrived[k])
-    return on, at, speed[i] + share * (speed[j] - speed[i]), masked
+    return on, at, speed[i] + share * (speed[j] - speed[i]), np.where(onward | same, arrived[i], arrived[k])
 
 
 def _about(dataset: Dataset, vehicle: str, date: str, start: int, stop: int) -> tuple[Trajectory, Mask]:
@@ -162,8 +161,7 @@ def _clusters(fleet: Fleet, edge: Index, network: Network, rule: Rule) -> Crowds
     row, truck = np.nonzero(labels >= 0)
     cluster, speed = row * trucks + labels[row, truck], fleet.speed[row, truck]
     size = np.bincount(cluster, minlength=labels.size)
-    each = np.maximum(size, 1)
-    mean, slow = (np.bincount(cluster, of, labels.size) / each for of in (speed, speed < HALT))
+    mean, slow = (np.bincount(cluster, of, labels.size) / np.maximum(size, 1) for of in (speed, speed < HALT))
     several = np.flatnonzero(size >= 2)
     step, label = np.divmod(several, trucks)
     # The members of a cluster stand together, in the order of the trucks.

@@ -78,11 +78,10 @@ def day_of(dataset: Dataset, vehicle: str, date: str, shortest: float) -> Unit:
     vertex = np.where(edge >= 0, nearer, -1).astype(np.int64)
     time = t.seconds()
     dt = np.clip(np.diff(time, append=time[-1:]), 0.0, MAX_GAP)
-    stands = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
     u = urgency(t.floats("soc"))
     standing, urgent = np.zeros(n), np.zeros(n)
     spells = []
-    for a, b in runs(stands):
+    for a, b in runs(np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED):
         if dt[a:b].sum() < shortest:
             continue
         on = vertex[a:b] >= 0

@@ -149,10 +149,9 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Sett
     if dataset.kind == "recorded":
         start = np.datetime64(str(dataset.meta["start"]).rstrip("Z"), "us").astype(np.int64)
         settings = replace(settings, start=int(start))
-    own = {p.id for p in dataset.site.places}
     of = settings.vehicles, settings.start, settings.duration, settings.seed
     site, demand, notes = like(dataset, dataset.site, truck, *of)
-    mined = frozenset(p.id for p in site.places) - own
+    mined = frozenset(p.id for p in site.places) - {p.id for p in dataset.site.places}
     planned = with_chargers(site, sites)
     new = frozenset(p.id for p in planned.places if p.kind == "charge")
     present = Scenario(site, truck, settings, demand, mined=mined)

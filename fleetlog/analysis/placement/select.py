@@ -103,9 +103,8 @@ def interchange(cost: Floats, sites: Ints, fixed: Mask) -> tuple[Ints, float]:
         first = away[demand, near]
         away[demand, near] = np.inf
         added = np.minimum(cost, first[:, None])
-        left = np.minimum(cost, away.min(axis=1, keepdims=True)) - added
         of = sparse.csr_array((np.ones(len(cost)), (near, demand)), shape=(len(chosen), len(cost)))
-        total = of @ left + added.sum(axis=0)
+        total = of @ (np.minimum(cost, away.min(axis=1, keepdims=True)) - added) + added.sum(axis=0)
         total[fixed[chosen]], total[:, chosen] = np.inf, np.inf
         new, out = np.unravel_index(total.T.argmin(), total.T.shape)
         if total[out, new] >= first.sum() - 1e-9:
@@ -202,9 +201,8 @@ def spaced(rank: Floats, distance: Floats, k: int, spacing: float) -> Choice:
 def cover(weight: Floats, distance: Floats, k: int, radius: float) -> Choice:
     """max weight of demand with a site within ``radius`` (HiGHS); the objective is the covered share."""
     m, n = distance.shape
-    reach = sparse.csr_array((distance <= radius).astype(float))
     site = np.arange(n + m) < n
-    link = sparse.hstack([-reach, sparse.eye_array(m)]).tocsr()
+    link = sparse.hstack([-sparse.csr_array((distance <= radius).astype(float)), sparse.eye_array(m)]).tocsr()
     rules = [LinearConstraint(link, -np.inf, 0.0), LinearConstraint(site.astype(float)[None], 0.0, k)]
     total = max(weight.sum(), 1e-300)
     cost = np.r_[1e-10 * np.arange(n) / n, -weight / total]

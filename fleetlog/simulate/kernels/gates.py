@@ -141,13 +141,11 @@ def past_door(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
 @inner
 def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     """Turn into the bay if ground, road and crossing are clear, rolling or at rest: 0 done, 1 not yet."""
-    d = f.door[v]
-    spur = len(r.length) + 2 * len(r.clear) + d
     if not past_door(r, f, v, x):
         return 1
     if not f.entry[v]:
         # It is on the road already: whoever has claimed the junction waits for it to be gone.
-        if not is_free(r, f, v, spur, True):
+        if not is_free(r, f, v, len(r.length) + 2 * len(r.clear) + f.door[v], True):
             return 1
         if now - f.waits[v] > x.patience:
             ask(r, f, v, x)

@@ -91,9 +91,7 @@ def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     lean = r.slope[min(i, r.first[p + 1] - 1)]
     mass = x.mass[v] + f.load[v]
     resist = mass * GRAVITY * (x.rolling[v] * np.cos(lean) + np.sin(lean))
-    if f.v[v] <= 0.0:
-        return x.up[v]
-    return min(x.up[v], (x.power[v] / f.v[v] - resist) / mass)
+    return min(x.up[v], (x.power[v] / f.v[v] - resist) / mass) if f.v[v] > 0.0 else x.up[v]
 
 
 @inner
