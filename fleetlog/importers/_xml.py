@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -72,5 +73,9 @@ def _forget(element: Any) -> None:
 
 def local(element: Any) -> str:
     """The tag without its namespace; ``""`` for comments and instructions."""
-    tag = element.tag
+    return _bare(element.tag)
+
+
+@lru_cache(1 << 10)
+def _bare(tag: Any) -> str:
     return tag.rsplit("}", 1)[-1] if isinstance(tag, str) else ""
