@@ -308,7 +308,8 @@ def _shorter(problem: Problem, found: Search, h: Hypothesis) -> Joint:
     tried = [_without(problem, found.joint, h)] if len(found.joint.chosen) > 1 else []
     for part in _parts(h):
         found.rivals[part.kind] = found.rivals.get(h.kind, [])
-        left = refit(problem, found.joint.without(h), [part if c is h else c for c in found.joint.chosen], 2)
+        model = found.joint.model.without({*h.knobs} - {*part.knobs}, set())
+        left = refit(problem, model, [part if c is h else c for c in found.joint.chosen], 2)
         tried += [left] if not tried or not _on_bound(problem, left, part) else []
     return min(tried, key=lambda j: j.score)
 
