@@ -25,6 +25,10 @@ class Shelf(Generic[T]):
         self._file: Path | None = scratch.folder() / "pieces" if on_disk else None
         self._ends, self._known = [0], dict[int, Any]()
 
+    def __del__(self) -> None:
+        if self._file is not None:
+            self._file.unlink(missing_ok=True)
+
     def __len__(self) -> int:
         return len(self._pieces) if self._file is None else len(self._ends) - 1
 
