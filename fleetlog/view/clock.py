@@ -137,7 +137,8 @@ def moved(step: float, *values: Floats) -> Ints:
     """Indices at which any value moved by ``step``, the rows before (a truck stood till then), both ends."""
     at = [changed(v, step) for v in values]
     rows = len(values[0])
-    return together(rows, *at, *(np.maximum(k - 1, 0) for k in at), [0, -1][: 2 * (rows > 0)])
+    ends = [0, rows - 1] if rows else []
+    return together(rows, ends, *at, *(np.maximum(k - 1, 0) for k in at))
 
 
 def pieces(time: Ints, limit: int) -> list[slice]:

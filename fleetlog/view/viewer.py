@@ -219,8 +219,11 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
             with ended_after(WAIT, process) as silent:
                 while not opened:
                     if process.poll() is not None:
-                        what = f"the viewer did not open {rrd}{f' in {WAIT:.0f} s' * silent.is_set()}"
-                        raise ViewerError(what, do="see that Vulkan works here (vulkaninfo)")
+                        late = f" in {WAIT:.0f} s" if silent.is_set() else ""
+                        raise ViewerError(
+                            f"the viewer did not open {rrd}{late}",
+                            do="see that Vulkan works here (vulkaninfo)",
+                        )
                     time.sleep(0.1)
                     with suppress(ConnectionError, TimeoutError):
                         client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")

@@ -287,7 +287,7 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
 def _pruned(problem: Problem, found: Search) -> Search:
     """Drop what is not needed beside the rest, or has come to an implausible number beside it: a number of
     two, or the whole."""
-    while len(found.joint.chosen) > 1 or any(_parts(h) for h in found.joint.chosen):
+    while len(found.joint.chosen) > 1 or any(_singles(h) for h in found.joint.chosen):
         shorter = {h: _shorter(problem, found, h) for h in found.joint.chosen}
         best = min(shorter.values(), key=lambda j: j.score)
         bound = [j for h, j in shorter.items() if _on_bound(problem, found.joint, h)]
@@ -297,7 +297,7 @@ def _pruned(problem: Problem, found: Search) -> Search:
     return found
 
 
-def _parts(h: Hypothesis) -> list[Hypothesis]:
+def _singles(h: Hypothesis) -> list[Hypothesis]:
     """The single numbers of a pair that may stand alone."""
     alone = len(h.knobs) > 1 and h.physics is not None and not h.physics.vector
     return [replace(h, knobs=(k,)) for k in h.knobs] if alone else []
@@ -306,7 +306,7 @@ def _parts(h: Hypothesis) -> list[Hypothesis]:
 def _shorter(problem: Problem, found: Search, h: Hypothesis) -> Joint:
     """The best fit without a hypothesis, or with one number of it alone that is plausible."""
     tried = [_without(problem, found.joint, h)] if len(found.joint.chosen) > 1 else []
-    for part in _parts(h):
+    for part in _singles(h):
         found.rivals[part.kind] = found.rivals.get(h.kind, [])
         model = found.joint.model.without({*h.knobs} - {*part.knobs}, set())
         left = refit(problem, model, [part if c is h else c for c in found.joint.chosen], 2)
