@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from itertools import compress, pairwise
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.network import Edge, Network, build_network, reversed_edge
@@ -157,7 +159,10 @@ def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) 
     graph = _driven_only(tidied(graph, settings.spur, settings.lane), reread, settings)
     while (met := _met(graph, cells, settings.lane)) is not None:
         graph = _driven_only(met, reread, settings)
-    return _final(apart(graph, 2.0 * REACH), cells, reread)
+    roads = _final(apart(graph, 2.0 * REACH), cells, reread)
+    while (met := _returning(roads)) is not None:
+        roads = _final(met, cells, reread)
+    return roads
 
 
 def _driven_only(graph: list[Chain], reread: Reread, settings: Settings) -> list[Chain]:
@@ -214,6 +219,19 @@ def _met(graph: list[Chain], cells: Cells, lane: float) -> list[Chain] | None:
     confused = np.array([s.all() and np.ptp(f.left) > lane for f, s in told])
     met = contracted([f.chain for f in fits], [f.covered(s) for f, s in told] + 2.0 * CLEAR * confused)
     return met if len(met) < len(fits) else None
+
+
+def _returning(roads: Roads) -> list[Chain] | None:
+    """The graph without one-way links that no way leads back from and that lie within a junction: trucks
+    cut corners there, and traces tell no direction. None without such links."""
+    n = roads.network
+    led = coo_array((np.ones(len(n)), (n.start, n.end)), shape=(len(n.node_ids),) * 2)
+    part = connected_components(led, connection="strong")[1]
+    lost = (part[n.start] != part[n.end]) & (n.length < 2.0 * CLEAR)
+    each = np.flatnonzero(roads.forth | (n.reverse < 0))
+    chains = [roads.fits[i].chain for i in each]
+    met = contracted(chains, np.where(lost[each], 2.0 * CLEAR, 0.0))
+    return met if len(met) < len(chains) else None
 
 
 def _final(graph: list[Chain], cells: Cells, reread: Reread) -> Roads:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from fleetlog.discovery.channels.energy import _recorded
 from fleetlog.discovery.channels.energy_columns import Evaluation
 from fleetlog.discovery.channels.paths import kinks
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
-from fleetlog.discovery.hypotheses.hypothesis import _numbers
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, _numbers
 from fleetlog.discovery.model import FLEET
 from fleetlog.discovery.recording.blocks import block, cut
 from fleetlog.discovery.recording.fleet import Fleet
@@ -27,6 +29,9 @@ from fleetlog.discovery.recording.turns import Turn, _map_explains, measure
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
 from fleetlog.discovery.search.beside import _best
+from fleetlog.discovery.search.forward import _at_junctions
+from fleetlog.discovery.search.joint import Joint
+from fleetlog.discovery.search.problem import Problem
 from fleetlog.physics.motion.legs import Leg
 from fleetlog.physics.power import Physics, all_terms, battery_power
 
@@ -268,6 +273,25 @@ def test_what_is_near_a_junction_alone_is_no_stretch_of_road(at: int, near: floa
     gain, first, last = _best(moment, np.eye(len(cells)), (-np.inf, np.inf), near, cells, 0, 5)
     assert ((first, last) == (at, at + 1)) is told
     assert (gain > 99.0) is told
+
+
+@pytest.mark.parametrize(
+    ("term", "cells", "beside"),
+    [
+        ("grade", [0], True), ("grade", [0, 4], True), ("grade", [0, 2], False), ("grade", [0, 1], False),
+        ("waiting", [0], False),
+    ],
+)  # fmt: skip
+def test_a_field_beside_junctions_alone_is_none(term: str, cells: list[int], beside: bool) -> None:
+    """Of five cells of 8 m some stand out; waits often are where roads meet."""
+    stretches = make_stretches(network())
+    deviation = np.where(np.isin(np.arange(len(stretches)), cells), 0.02, 0.003)
+    passes = np.arange(len(stretches)) < 5
+    channel = SimpleNamespace(cells=lambda _: stretches, passes=lambda _: passes)
+    joint = SimpleNamespace(
+        chosen=[Hypothesis(term, field=True)], model=SimpleNamespace(fields={term: deviation})
+    )
+    assert _at_junctions(cast(Problem, SimpleNamespace(channel=channel)), cast(Joint, joint)) is beside
 
 
 def test_a_stretch_gains_no_more_than_a_plausible_value_of_it() -> None:

@@ -8,10 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Edge, Network, build_network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.learn.cells import gather, moving
-from fleetlog.learn.roads import Roads, Settings, learn_roads
+from fleetlog.learn.lines import Chain
+from fleetlog.learn.refine import Fit
+from fleetlog.learn.roads import Evidence, Roads, Settings, _returning, learn_roads
 
 NOISE = 0.4
 SQUARE = [(0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0), (0.0, 0.0)]
@@ -133,6 +135,26 @@ def test_two_lanes_that_come_near_for_a_few_metres_stay_two_roads(seed):
     n = learned(drives).network
     assert len(n) == 2 and (n.reverse < 0).all()
     assert n.length == pytest.approx(120.0, abs=8.0)
+
+
+@pytest.mark.parametrize(("gap", "nodes"), [(4.0, 3), (12.0, 4)])
+def test_a_link_within_a_junction_leads_back_too(gap, nodes):
+    """Two rings, each of two one-way roads, and a one-way link of ``gap`` metres from one to the other."""
+    lines = {
+        (0, 1): [(0.0, 0.0), (-30.0, 20.0), (-60.0, 0.0)], (1, 0): [(-60.0, 0.0), (-30.0, -20.0), (0.0, 0.0)],
+        (2, 3): [(gap, 0.0), (30.0, 20.0), (60.0, 0.0)], (3, 2): [(60.0, 0.0), (30.0, -20.0), (gap, 0.0)],
+        (0, 2): [(0.0, 0.0), (gap / 2.0, 0.0), (gap, 0.0)],
+    }  # fmt: skip
+    fits = [Fit(Chain(*ends, np.array(points)), np.zeros(2), np.zeros(2)) for ends, points in lines.items()]
+    edges = [
+        Edge(f"e{k}", str(f.chain.start), str(f.chain.end), np.pad(f.chain.points, ((0, 0), (0, 1))), f"e{k}")
+        for k, f in enumerate(fits)
+    ]
+    network, count = build_network(edges), len(edges)
+    found = Evidence(np.zeros(count, int), np.zeros(count), np.zeros((count, 1), int))
+    met = _returning(Roads(network, found, fits, np.ones(count, bool)))
+    kept = [f.chain for f in fits] if met is None else met
+    assert len({c.start for c in kept} | {c.end for c in kept}) == nodes
 
 
 def test_turning_the_traces_turns_the_map(round_course):

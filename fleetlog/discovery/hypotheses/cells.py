@@ -6,11 +6,13 @@ two values a square: slope = east cos + north sin.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Index, Ints
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 
@@ -22,6 +24,8 @@ MOST = 300  # More stretches than this are made longer instead: products of thei
 SMALLEST = 8.0  # Side of a square [m]
 MOST_SQUARES = 350  # More squares than this are made larger instead
 ALIKE = 3.0  # Distance over which neighbours resemble each other, in sides of a square
+LARGE = 0.35
+"""Values with this share of the largest belong to where an effect is: less is the fringe of the prior."""
 COARSE = 0.95
 """Share of the prior's variance that is kept: half the columns at no loss, measured on roads with hills."""
 
@@ -121,6 +125,22 @@ class Stretches(Cells):
         name = self.network.edge_ids[self.road_edge[first]]
         return f"{name} {self.start[first]:.0f}-{self.end[last - 1]:.0f} m"
 
+    def runs(self, mask: Mask, sign: Floats, *, bridged: bool = False) -> Iterator[NDArray[np.intp]]:
+        """Yield runs of kept stretches of an edge and a sign; ``bridged`` over a single quiet one between."""
+        for edge in np.unique(self.road_edge[mask]):
+            on = np.flatnonzero(self.road_edge == edge)
+            keep, own = mask[on].copy(), sign[on]
+            if bridged:
+                keep[1:-1] |= keep[:-2] & keep[2:] & (own[:-2] == own[2:])
+            yield from (on[run] for run in runs(keep, own))
+
+    def brief(self, first: Ints, last: Ints, near: float) -> Mask:
+        """(N,) whether runs of stretches, up to ``last``, are shorter than ``near`` [m], at an end
+        of a road and not all of it: beside a junction alone."""
+        border = np.diff(self.road_edge, prepend=-1, append=-1) != 0
+        short = self.end[last - 1] - self.start[first] < near
+        return np.asarray(short & (border[first] != border[last]))
+
     def directions(self) -> tuple[Floats, Floats]:
         """Return the values of an odd field of slope 1 to the east, and to the north."""
         heading = self.network.heading(self.road_edge, (self.start + self.end) / 2.0)
@@ -133,6 +153,12 @@ class Stretches(Cells):
         near = np.exp(-np.abs(middle[:, None] - middle[None, :]) / REACH)
         shared = 0.9 * np.where(same, near, 0.0) if self.alike else 0.9 * np.eye(len(self))
         return np.asarray(np.linalg.cholesky(0.1 * np.eye(len(self)) + shared), dtype=np.float64)
+
+
+def runs(keep: Mask, sign: Floats) -> list[NDArray[np.intp]]:
+    """Return index runs of kept values of one sign."""
+    on = np.flatnonzero(keep)
+    return np.split(on, np.flatnonzero((np.diff(on) > 1) | (np.diff(sign[on]) != 0)) + 1) if len(on) else []
 
 
 def make_stretches(network: Network, *, apart: bool = False) -> Stretches:

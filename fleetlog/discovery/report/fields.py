@@ -1,6 +1,5 @@
 """A field found, as places: which stretches stand out, merged along their roads, with intervals."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,15 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.discovery.hypotheses.cells import Cells, Squares, Stretches
+from fleetlog.discovery.hypotheses.cells import LARGE, Cells, Squares, Stretches, runs
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import field_values
 from fleetlog.discovery.report.finding import NORMAL, Parameter, interval
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.term import Term
 
-LARGE = 0.35
-"""Values with this share of the largest belong to where the effect is: less is the fringe of the prior."""
 FEW = 3  # Windows that must touch a piece before it may be named
 DRAWS = 400  # Of the field, for what picking the largest of its values costs
 
@@ -100,7 +97,7 @@ def _merged(cells: Stretches, v: Values, mask: Mask, term: Term) -> list[dict[st
     first = term.parameters[0]
     zero = first.scaled(first.neutral)
     out = []
-    for c in runs_by_edge(cells, mask, np.sign(v.deviation), bridged=True):
+    for c in cells.runs(mask, np.sign(v.deviation), bridged=True):
         weight = np.maximum(v.samples[c], 1).astype(float)
         weight = np.ones(len(c)) if term.acts == "wait" else weight / weight.sum()
         own = weight @ v.basis[c]
@@ -108,24 +105,6 @@ def _merged(cells: Stretches, v: Values, mask: Mask, term: Term) -> list[dict[st
         n = interval(first, zero + float(weight @ v.deviation[c]), error, first.neutral)
         out.append(row(cells, c, n.value, n.low, n.high))
     return sorted(out, key=lambda r: -abs(r["value"] - first.neutral) * (r["to"] - r["from"]))
-
-
-def runs_by_edge(
-    cells: Stretches, mask: Mask, sign: Floats, *, bridged: bool = False
-) -> Iterator[NDArray[np.intp]]:
-    """Yield runs of kept stretches of an edge and a sign; ``bridged`` over a single quiet one between."""
-    for edge in np.unique(cells.road_edge[mask]):
-        on = np.flatnonzero(cells.road_edge == edge)
-        keep, own = mask[on].copy(), sign[on]
-        if bridged:
-            keep[1:-1] |= keep[:-2] & keep[2:] & (own[:-2] == own[2:])
-        yield from (on[run] for run in runs(keep, own))
-
-
-def runs(keep: Mask, sign: Floats) -> list[NDArray[np.intp]]:
-    """Return index runs of kept stretches of one sign."""
-    on = np.flatnonzero(keep)
-    return np.split(on, np.flatnonzero((np.diff(on) > 1) | (np.diff(sign[on]) != 0)) + 1) if len(on) else []
 
 
 def as_field(cells: Cells, v: Values, term: Term) -> Field:

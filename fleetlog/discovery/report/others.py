@@ -7,11 +7,11 @@ import numpy as np
 
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.paths import Lost
-from fleetlog.discovery.hypotheses.cells import Stretches
+from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.model import FLEET
 from fleetlog.discovery.recording.sensors import Fault
 from fleetlog.discovery.report import words
-from fleetlog.discovery.report.fields import LARGE, Values, extent, row, runs_by_edge
+from fleetlog.discovery.report.fields import Values, extent, row
 from fleetlog.discovery.report.finding import NORMAL, Errors, Finding, Parameter, interval
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.power import all_terms
@@ -68,7 +68,7 @@ def _where(lost: Lost, lanes: Stretches) -> dict[str, Any]:
     sure = sure if sure.any() else lost.lost >= lost.lost.max()
     keep = sure & (lost.lost >= LARGE * float(np.quantile(lost.lost[sure], 0.9)))
     rows = []
-    for run in runs_by_edge(lanes, keep, np.ones(len(lanes))):
+    for run in lanes.runs(keep, np.ones(len(lanes))):
         seconds, time = float(lost.lost[run].sum()), max(float(lost.time[run].sum()), 1e-9)
         half = NORMAL * float(np.sqrt((lost.spread[run] ** 2).sum()))
         ends = max(seconds - half, 0.0) / time, (seconds + half) / time

@@ -239,8 +239,7 @@ def _best(
     own = np.trace(product) / len(product)
     along = u[j] - u[i]
     value = np.clip(along / np.maximum(size, 1e-12), *plausible)
-    brief = (cells.end[first + j - 1] - cells.start[first + i] < near) & ((i == 0) != (j == n))
-    told = (size > 1e-3 * own) & ~brief
+    told = (size > 1e-3 * own) & ~cells.brief(first + i, first + j, near)
     gain = np.where(told, value * (2.0 * along - value * size), 0.0)
     # Of runs that say the same the shortest: cells that nothing touches belong to none.
     k = int(np.argmax(gain - 1e-6 * gain.max() * (j - i)))

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model, field_values
+from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import Screened, pattern_hypotheses, screen
 from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tightened, tuned, verified
 from fleetlog.discovery.search.problem import Problem
@@ -99,6 +101,8 @@ def _counting(
     worth = [j for j in ranked if j.chosen[-1] not in rivals]
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
+            continue
+        if _at_junctions(problem, joint):
             continue
         if any(_is_part_of(joint, other) for other in worth) or any(
             _follows(problem, sums, now, joint, o) for o in ranked
@@ -252,6 +256,19 @@ def _on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bo
     deviation = joint.model.fields[h.term]
     values = field_values(first, deviation)[(problem.channel.passes(h.physics) > 0) & (deviation != 0.0)]
     return bool((values <= first.low).any() or (values >= first.high).any())
+
+
+def _at_junctions(problem: Problem, joint: Joint) -> bool:
+    """Whether a field stands out beside junctions alone, as no pattern may: there it is not told from how
+    they are crossed, nor from where within them another effect begins."""
+    h = joint.chosen[-1]
+    cells = problem.channel.cells(h.physics)
+    if not h.field or h.physics is None or h.physics.acts == "wait" or not isinstance(cells, Stretches):
+        return False
+    deviation = np.where(problem.channel.passes(h.physics) > 0, joint.model.fields[h.physics.name], 0.0)
+    large = np.abs(deviation) >= LARGE * np.abs(deviation).max(initial=0.0)
+    ends = np.array([(r[0], r[-1] + 1) for r in cells.runs(large, np.sign(deviation))])
+    return bool(cells.brief(ends[:, 0], ends[:, 1], REACH).all())
 
 
 def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
