@@ -46,8 +46,9 @@ def learn(
     cells, noise = _driven(dataset)
     found = learn_roads(cells, noise, lambda: dataset.days(COLUMNS), settings)
     network = described(found, noise)
-    name, zones = f"{dataset.path.name}, learned", slow_zones(network)
-    base = Site(name, dataset.site.frame, network, dataset.site.traffic, zones=zones)
+    base = Site(
+        dataset.path.name, dataset.site.frame, network, dataset.site.traffic, zones=slow_zones(network)
+    )
     learned, places = with_places(base, dataset, min_visits)
     table = road_table(network, found)
     lacking = proposals(network, table, _in_frame(site, base.frame)) if site is not None else None

@@ -124,6 +124,8 @@ def _draw(
 
 
 def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale: Scale | None) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     x0, y0, x1, y1 = frame_map(result, site)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal")
     draw_site(axes, site)
@@ -132,7 +134,10 @@ def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale
     if isinstance(layer, Grid) or (isinstance(layer, EdgeValues) and site.network is not None):
         scale = scale or scales_of(result.shapes)[layer.name]
         draw: Any = draw_grid if isinstance(layer, Grid) else draw_edges
-        ticks, side = scale.ticks(), "horizontal" if x1 - x0 > 1.3 * (y1 - y0) else "vertical"
+        ticks: Any = scale.ticks()
+        side = "horizontal" if x1 - x0 > 1.3 * (y1 - y0) else "vertical"
+        if ticks is None and not np.mod(layer.values[np.isfinite(layer.values)], 1.0).any():
+            ticks = MaxNLocator(nbins=8, integer=True)  # nobody passes one and a quarter times
         ends = "neither" if not scale.clipped else "both" if scale.diverging else "max"
         bar = axes.figure.colorbar(
             draw(axes, layer, scale, site), ax=axes, label=layer.label, extend=ends, ticks=ticks,
