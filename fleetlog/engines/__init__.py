@@ -1,7 +1,6 @@
 """Where jobs run: here, on all cores, or on a Dask cluster.  Nothing else in fleetlog knows.
 
-An engine does jobs, in any order, and gives their results in the order of the jobs.
-"""
+An engine does jobs, in any order, and gives their results in the order of the jobs."""
 
 import os
 from collections.abc import Callable, Generator, Iterator, Sequence

@@ -234,8 +234,7 @@ def _deviations(log: _Log, roads: _Roads, fit: _Fit) -> tuple[float, float, floa
 
     The sandwich of an M-estimator (Huber, 1967), its score summed over blocks of track, so that errors that
     last count as one (Liang and Zeger, 1986, doi:10.1093/biomet/73.1.13).  The score's derivative is
-    numerical, for it must know that places come into reach of a line and leave it.
-    """
+    numerical, for it must know that places come into reach of a line and leave it."""
 
     def score(pose: Floats) -> Floats:
         left, weight, design = _linear(log, roads, pose, NARROW)

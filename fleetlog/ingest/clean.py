@@ -93,8 +93,7 @@ def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
 
     Positions fall into stays between impossible jumps.  A stay of fewer than ``SHORT_JUMP`` rows between two
     of them, or beside a longer one, was never visited; after a long one the truck is where it says (a log
-    that resumes elsewhere).
-    """
+    that resumes elsewhere)."""
     x, y = rows.floats("x"), rows.floats("y")
     known, gone = np.isfinite(x) & np.isfinite(y), np.zeros(len(rows), bool)
     gone[known] = jump_outliers(x[known], y[known], rows.seconds()[known])

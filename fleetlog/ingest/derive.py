@@ -85,8 +85,7 @@ def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None)
 
     Least-squares slopes of x and y over time in a window about each row (Savitzky and Golay's first
     derivative for uneven steps).  Slower than the error of the fit is standing still: speed 0, and the
-    heading stays as it was.
-    """
+    heading stays as it was."""
     speed, heading = np.full(len(t), np.nan), np.full(len(t), np.nan)
     have = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if len(have) < 2:

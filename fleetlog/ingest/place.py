@@ -22,8 +22,7 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
 
     A log that has both keeps its x, y where they agree with its latitude and longitude to a metre (a dataset
     that comes back); otherwise they are in another frame: the geographic ones count, and they are kept as
-    ``x_log``, ``y_log``.
-    """
+    ``x_log``, ``y_log``."""
     if "latitude" not in rows or site.frame is None:
         return rows
     x, y = site.frame.to_local(rows.floats("latitude"), rows.floats("longitude"))

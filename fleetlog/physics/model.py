@@ -4,19 +4,15 @@ others take up.
 format_version = 1
 truck = "counterbalance-48V"       # the nominal truck that it was found against, for the reader
 off = []                           # terms left out of the sum
-[term.auxiliary_load]
-power = 661.0
-[term.grade]
+[term.auxiliary_load] power = 661.0 [term.grade]
 field = "fields/grade.parquet"     # the first parameter per stretch of road
-[interval.auxiliary_load]
-power = [640.0, 690.0]
+[interval.auxiliary_load] power = [640.0, 690.0]
 [[own]]                            # what some vehicles, or some hours, have in place of that
 vehicles = ["T3"]                  # absent: all
 from = 2026-03-14T09:00:00Z        # absent: from the first row on
 until = 2026-03-14T17:00:00Z       # absent: to the last row
 drift = true                       # comes in evenly from the one to the other
-[own.term.rolling_resistance]
-coefficient = 0.019"""
+[own.term.rolling_resistance] coefficient = 0.019"""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime

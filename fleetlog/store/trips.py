@@ -28,8 +28,7 @@ def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:
 
     A trip begins where the truck sets off after a standstill of ``MIN_STOP`` or with a load change, or after
     a gap of ``MAX_GAP``; the standstill at its end belongs to it, so that lifting and waiting there are part
-    of its energy and the trips of a vehicle cover all its rows.
-    """
+    of its energy and the trips of a vehicle cover all its rows."""
     n, t = len(trajectory), trajectory.seconds()
     moving = np.nan_to_num(trajectory.floats("speed"), nan=1.0) > STANDING_SPEED
     begins = np.diff(t, prepend=t[:1]) > MAX_GAP
@@ -51,9 +50,8 @@ def trip_pieces(trajectory: Trajectory, vehicles: Sequence[str] | None = None) -
     """Of every trip what adds up: times [us], metres, joules, seconds driven and more; empty without rows.
 
     With ``vehicles`` the rows are those of several, one after the other and as many of each.  ``load`` is
-    payload by seconds driven, ``on_road`` counts matched rows; with the ``last_`` values the time to the next
-    piece of the trip is driven.
-    """
+    payload by seconds driven, ``on_road`` counts matched rows; with the ``last_`` values the time to the
+    next piece of the trip is driven."""
     vehicles = vehicles or (trajectory.vehicle_id,)
     ids = trajectory.trip_ids()
     new = np.diff(ids, prepend=ids[:1] - 1) != 0

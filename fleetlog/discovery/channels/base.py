@@ -34,8 +34,7 @@ class Unit:
     ``own`` is the channel's: a ``motion`` (n,), the window ``of`` each of its samples, and how to take a
     ``part`` or to put several ``joined``; ``noise`` (W,) the variance that the uncertainty of the motion
     leaves to any model; ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter
-    about it, above zero: noise grows with both.
-    """
+    about it, above zero: noise grows with both."""
 
     windows: Windows
     recorded: Floats

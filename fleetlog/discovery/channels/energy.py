@@ -88,8 +88,7 @@ class EnergyChannel(Channel):
         window's residual changes with every second row left out.
 
         The mean of half the rows scatters about that of all by as much as that does about the truth.
-        ``final``: where rows miss much, learn to tell recorded power from the motion, too.
-        """
+        ``final``: where rows miss much, learn to tell recorded power from the motion, too."""
         changed = size = 0.0
         looked = zip(self.fleet.days, self._looked_at(split, settings), strict=False)
         for (vehicle, trajectory), (unit, use) in looked:

@@ -37,12 +37,11 @@ class Path:
     """Legs of a vehicle-day laid end to end: G nodes.
 
     ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the
-    node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that
-    belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at the
-    node, neither for a purpose nor for another truck; ``kink`` (G,) curvature [1/m] that a truck would take
-    which follows the line of the map; ``behind`` (W,) whether another truck was in the way in a window, and
-    ``apart`` (W,) whether it was, but whatever the truck stood for was not that.
-    """
+    node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane
+    that belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at
+    the node, neither for a purpose nor for another truck; ``kink`` (G,) curvature [1/m] that a truck would
+    take which follows the line of the map; ``behind`` (W,) whether another truck was in the way in a window,
+    and ``apart`` (W,) whether it was, but whatever the truck stood for was not that."""
 
     motion: Motion
     s: Floats
@@ -229,8 +228,7 @@ def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits:
     """(G,) part of the passage of a lane that each step is; the parts of a passage add up to one.
 
     Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the
-    wait.
-    """
+    wait."""
     lane = lanes.at(motion)[0]
     begin = np.flatnonzero(~inside)
     run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1

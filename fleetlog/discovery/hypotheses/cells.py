@@ -1,9 +1,8 @@
 """The cells of a field: short stretches of road, and squares of the floor where there is no map.
 
-Both directions of a road share their stretches, so a field over them has an odd part (slope: opposite in
-the two directions) and an even part (floor: the same).  On squares an odd field is a vector, so that it has
-two values a square: slope = east cos + north sin.
-"""
+Both directions of a road share their stretches, so a field over them has an odd part (slope: opposite in the
+two directions) and an even part (floor: the same).  On squares an odd field is a vector, so that it has two
+values a square: slope = east cos + north sin."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator

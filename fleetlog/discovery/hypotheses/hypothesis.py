@@ -42,10 +42,9 @@ class Pattern:
 class Hypothesis:
     """One explanation.
 
-    ``knobs`` turn together (numbers of a term, of the fleet or one vehicle, with the ``setting`` of its shape
-    parameters); ``patterns`` or the whole ``field`` over the cells, of a term or of free power; or a free
-    ``curve``. ``variance`` is that of the prior of a field's or curve's coefficients.
-    """
+    ``knobs`` turn together (numbers of a term, of the fleet or one vehicle, with the ``setting`` of its
+    shape parameters); ``patterns`` or the whole ``field`` over the cells, of a term or of free power; or a
+    free ``curve``. ``variance`` is that of the prior of a field's or curve's coefficients."""
 
     term: str | None = None
     knobs: tuple[Knob, ...] = ()

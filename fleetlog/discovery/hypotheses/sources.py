@@ -1,8 +1,7 @@
 """Where a column of the regression comes from: what a channel is asked to compute for every window.
 
 Free curves are force or power as any smooth function of a recorded variable.  They keep the named hypotheses
-honest, which must say what the best curve says, and they say what an unknown mismatch follows.
-"""
+honest, which must say what the best curve says, and they say what an unknown mismatch follows."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

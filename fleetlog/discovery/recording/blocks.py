@@ -1,8 +1,7 @@
 """The rows of a vehicle-day as finely stepped motion, small enough to keep for many days, and its windows.
 
 The weak form: power becomes energy over windows of about ten seconds that never straddle a trip.  Noise
-averages out, accelerations telescope, and windows are nearly independent.
-"""
+averages out, accelerations telescope, and windows are nearly independent."""
 
 from __future__ import annotations
 

@@ -3,8 +3,7 @@
 A truck is hindered on the stretch before a place that another leaves after it has come within reach of that
 place: close behind another, before a crossing that another is to pass, behind one that stands.  The time
 between the two at one place is the post-encroachment time of traffic safety (Allen, Shin and Cooper 1978).
-Only positions decide, never how long anything took.
-"""
+Only positions decide, never how long anything took."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,7 @@ drag.
 Clock: the predicted power is compared with the measured one at every shift, piece by piece, with a parabola
 at the best; and with its mean over the last seconds, which is what some loggers report.  Scale: integrated
 speed against progress along the map, on the middle of edges; without a map against chords of straights.
-Held-out trips are not looked at.
-"""
+Held-out trips are not looked at."""
 
 import itertools
 import math

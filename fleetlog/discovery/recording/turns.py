@@ -3,8 +3,7 @@ trucks themselves.
 
 Undisturbed passages tell the speed, positions where the bend lies.  Only how one way over a junction differs
 from another is taken from there; what all have in common stays the model's to explain.  Where the corners of
-the map, rounded with the radius of the truck, explain the speeds seen better, they are kept as they are.
-"""
+the map, rounded with the radius of the truck, explain the speeds seen better, they are kept as they are."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator

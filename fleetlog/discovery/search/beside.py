@@ -1,9 +1,8 @@
 """Every hypothesis beside a model at once, and the stretches of road over which a field stands out.
 
 The coefficients of the model are eliminated from the further columns, fold by fold.  What remains is a
-regression of the few columns alone (Frisch and Waugh 1933, doi 10.2307/1907330).
-Coefficients of the model that stand on a bound stay there; the joint fit afterwards lets them go.
-"""
+regression of the few columns alone (Frisch and Waugh 1933, doi 10.2307/1907330). Coefficients of the model
+that stand on a bound stay there; the joint fit afterwards lets them go."""
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence

@@ -121,8 +121,7 @@ def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) ->
     Windows that are alike (place, direction, load, pace) differ by noise alone.  Half the mean square of the
     difference of their residuals, extrapolated to windows that are alike in everything, is its variance (the
     gamma test: Stefánsson, Končar and Jones 1997, doi 10.1007/BF01413858).  ``features`` (W, d),
-    ``residual`` (W,), ``trip`` (W,): windows of one trip share its noise and are not compared.
-    """
+    ``residual`` (W,), ``trip`` (W,): windows of one trip share its noise and are not compared."""
     if len(residual) < FEWEST or wanted.sum() < NEIGHBOURS:
         return None
     distance, near = cKDTree(features).query(features[wanted], k=min(6 * NEIGHBOURS, len(residual)))

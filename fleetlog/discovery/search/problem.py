@@ -1,10 +1,9 @@
 """A channel with its split and weights: what the search asks, and what it gets in return.
 
-Weights follow how far windows scatter about a model that is right.  That is judged from what the freest model
-leaves; judged from the nominal model, an effect yet to be found would pass for noise.  It grows with the
-power drawn, so it is measured in classes of power; and where rows scatter more than is usual at that power,
-as trucks jerk between them, by a power of that excess which is measured too.
-"""
+Weights follow how far windows scatter about a model that is right.  That is judged from what the freest
+model leaves; judged from the nominal model, an effect yet to be found would pass for noise.  It grows with
+the power drawn, so it is measured in classes of power; and where rows scatter more than is usual at that
+power, as trucks jerk between them, by a power of that excess which is measured too."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace

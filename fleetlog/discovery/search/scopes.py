@@ -2,8 +2,7 @@
 
 The products of a number's column are summed by truck and by slot of time.  Those of any scope are sums of
 them, so that all sets of trucks that stand out, all pairs of a begin and an end, and a drift are compared at
-once.
-"""
+once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

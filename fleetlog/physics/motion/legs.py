@@ -169,10 +169,9 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
     ``limit`` (N,) [m/s], inf where there is none; a driver uses the truck's ``speed_factor`` of it.  Terms
     that act on speed count, and stops on the way.
 
-    Time-optimal along a fixed path: one pass forward under acceleration, one backward under braking
-    (Bobrow, Dubowsky and Gibson 1985).  Gathering speed is limited by max_power at the wheel less rolling
-    and slope; braking is not.
-    """
+    Time-optimal along a fixed path: one pass forward under acceleration, one backward under braking (Bobrow,
+    Dubowsky and Gibson 1985).  Gathering speed is limited by max_power at the wheel less rolling and slope;
+    braking is not."""
     path, rest, wait = leg.path.replaced(speed=limit), np.zeros(len(limit), bool), np.zeros(len(limit))
     for node, seconds in leg.stops.items():
         rest[node], wait[node] = True, seconds

@@ -67,8 +67,7 @@ class Reconstruction:
 
         ``power`` [W] of a motion; ``window`` (n,) number of the window of each sample, growing, -1 in none.
         The slopes of power are those of secants one standard deviation to either side, so that its kink
-        counts for what it is.
-        """
+        counts for what it is."""
         from fleetlog.physics.motion.kernels.filter import energy_variance
 
         nodes, count = len(self.states.cov), int(window.max(initial=-1)) + 1
@@ -247,8 +246,7 @@ def _spread(deviation: Floats) -> Floats:
     Power has a kink where traction turns into braking, and losses grow with the square of the force: their
     expectation is more than their value at the likeliest.  The mean size is that of a normal.  The mean
     square is ``SQUARE`` of it: errors gather where trucks begin to brake, and are smaller on the way, where
-    large ones would turn traction into braking.
-    """
+    large ones would turn traction into braking."""
     mean = np.sqrt(2.0 / np.pi)
     far, near = mean + (rest := np.sqrt(SQUARE - mean**2)), mean - rest
     turns = [far, -near, near, -far, -near, far, -far, near]

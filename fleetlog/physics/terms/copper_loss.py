@@ -9,8 +9,7 @@ def power(motion: Motion, truck: Truck, values: Values) -> Floats:
     """P = k F^2 [W], F the sum of all forces at the wheel; ``k`` in W/N2.
 
     Joule heat of a motor current that is proportional to the torque.  A 10 kW drive that loses 4 % at 3 kN
-    has k = 4.4e-5 W/N2 (our estimate).
-    """
+    has k = 4.4e-5 W/N2 (our estimate)."""
     return np.asarray(values.get("k", 0.0) * np.where(motion.speed > 0.0, values["force"], 0.0) ** 2)
 
 

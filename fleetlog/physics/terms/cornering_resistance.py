@@ -10,8 +10,7 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
 
     The part of scrub that remains at walking speed: twin and pivoting wheels are turned on the spot while
     they roll, so work grows with the angle turned, not with speed.  200 to 1000 N in a turn of 2 m radius is
-    k of some 0.01 to 0.04 m for a truck of 5 t (our estimate).
-    """
+    k of some 0.01 to 0.04 m for a truck of 5 t (our estimate)."""
     scrub = total_mass(motion, truck) * GRAVITY * values.get("k", 0.0) * np.abs(motion.curvature)
     return np.where(motion.speed > 0.0, scrub, 0.0)
 

@@ -12,8 +12,7 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
 
     ``factor`` is the rolling coefficient here over that of the truck file: about 1.3 on worn asphalt, 2 on
     gravel, 4 on loose ground (worn and loose against new asphalt-concrete: Carvill, Mechanical Engineer's
-    Data Handbook).
-    """
+    Data Handbook)."""
     pressed = total_mass(motion, truck) * GRAVITY * np.cos(distinct(motion.slope))
     extra = (np.asarray(values.get("factor", 1.0)) - 1.0) * truck.resistance.rolling
     return np.where(motion.speed > 0.0, extra * pressed, 0.0)

@@ -9,8 +9,7 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
     """F = 1/2 rho c_d A (u |u| - v^2) [N], u = v - w.h the air that meets the truck head on; 0 in still air.
 
     w = (``wind_east``, ``wind_north``) is where the air goes [m/s], h the unit vector of the motion.  Cross
-    wind is left out: it pushes sideways.  Added to the drag in still air this is the drag in wind.
-    """
+    wind is left out: it pushes sideways.  Added to the drag in still air this is the drag in wind."""
     along = values.get("wind_east", 0.0) * np.cos(motion.heading)
     along = along + values.get("wind_north", 0.0) * np.sin(motion.heading)
     u = motion.speed - along

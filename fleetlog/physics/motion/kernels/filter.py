@@ -32,8 +32,7 @@ def transition(h: float, q: float, decay: float) -> tuple[State, Covariance]:
 
     Acceleration decays at ``decay`` [1/s] under white jerk of density ``q``.  For short steps the limit, in
     which nothing cancels (Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and
-    Navigation, sections 6.2.3 and 8.2.3).
-    """
+    Navigation, sections 6.2.3 and 8.2.3)."""
     x = decay * h
     if x < 0.02:
         h2, h3, r = 0.5 * h * h, q * h * h * h, 1.0 - x
@@ -210,8 +209,7 @@ def energy_variance(
 ) -> Floats:
     """(count,) variance of the sum over each window of ``by_speed`` v + ``by_acceleration`` a, (N,) each.
 
-    Exact: backwards, with c = cov(x_i, sum of the window from i on), which the gains carry on.
-    """
+    Exact: backwards, with c = cov(x_i, sum of the window from i on), which the gains carry on."""
     out = np.zeros(count)
     c = np.zeros(3)
     inside, total = -1, 0.0

@@ -43,10 +43,9 @@ def path_coordinate(
     """Map coordinate of every row into ``place``, and the visits of edges.
 
     Of each visit the edge, the coordinate of its start, its length, and whether it joins the last.  Off the
-    map (edge -1) the coordinate grows by ``step``.  Where no short way joins two rows (a way much longer than
-    the positions are apart is not the one that was driven), ``link`` is marked ``JUMP`` and the coordinate
-    goes on behind all before.
-    """
+    map (edge -1) the coordinate grows by ``step``.  Where no short way joins two rows (a way much longer
+    than the positions are apart is not the one that was driven), ``link`` is marked ``JUMP`` and the
+    coordinate goes on behind all before."""
     n = len(edge)
     most = 1
     for i in range(1, n):
