@@ -6,12 +6,16 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Index
 from fleetlog.errors import SiteError, nearest
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 
 @dataclass(frozen=True)
@@ -155,6 +159,16 @@ class Network:
                 follow = [int(self.reverse[i])]
             turns += [(edge.id, self.edge_ids[j]) for j in follow]
         return build_network([*kept.values()], turns, has_elevation=self.has_elevation)
+
+    def to_networkx(self) -> nx.DiGraph[int]:
+        """The line graph, edge to edge; ``length`` [m] of an arc is that of the edge it leaves."""
+        import networkx as nx
+
+        graph: nx.DiGraph[int] = nx.DiGraph()
+        graph.add_nodes_from(range(len(self)))
+        for i in range(len(self)):
+            graph.add_edges_from(((i, int(j)) for j in self.successors(i)), length=float(self.length[i]))
+        return graph
 
 
 def reverse_id(edge_id: str) -> str:
