@@ -179,10 +179,11 @@ def _stops(m: Mission, site: Site, effects: Sequence[Effect]) -> Iterable[str]:
                     e.parameters["at"] * site.length[road],
                     e.parameters["seconds"] * (0.7 + 0.6 * (k * 0.618 % 1.0)),
                 )
-                yield f'<stop edge="{edge(road, sense)}" endPos="{at:.1f}" duration="{seconds:.1f}"/>'
+                where = f'edge="{edge(road, sense)}" endPos="{at:.1f}" friendlyPos="true"'
+                yield f'<stop {where} duration="{seconds:.1f}"/>'
         if k in bays:
             at = BAY * site.length[road]
-            where = f'edge="{edge(road, sense)}" endPos="{at:.1f}"'
+            where = f'edge="{edge(road, sense)}" endPos="{at:.1f}" friendlyPos="true"'
             yield f'<stop {where} duration="{bays[k]:.1f}" parking="true"/>'
 
 

@@ -158,23 +158,27 @@ class TravelChannel(Channel):
     def _with_stands(self, made: Shelf[Unit]) -> Iterator[Unit]:
         """The units, told where trucks stood for no purpose: only there they waited, and times scatter so. A
         truck with another in its way waits there as well: of such passages only the standing counts."""
-        n = len(self.lanes)
-        passed, stops, seconds, squares = np.zeros((4, n))
+        n, found = len(self.lanes), []
         both = np.zeros(len(self.roads))  # What holds up one direction of a road often holds up the other
         for u in made:
             cell, place = self._cells(u)
             seen = ((u.whole | u.own.apart) & (self.split.fold(u.windows) != HELD_OUT))[u.own.of]
-            begin = (np.diff(cell, prepend=-1) != 0) & u.own.inside  # Whoever sets off there has not passed
-            passed += np.bincount(cell[seen & begin], minlength=n)
-            wait = np.where(seen, u.own.standing, 0.0)
-            stops += np.bincount(cell[wait > 0.0], minlength=n)
-            both += np.bincount(place[wait > 0.0], minlength=len(both))
-            seconds += np.bincount(cell, wait, n)
-            squares += np.bincount(cell, wait**2, n)
-        stood = np.maximum(stops, 1.0)
-        passed, usual = np.maximum(passed, stood), seconds / stood
-        off = squares - seconds**2 / passed + (SCATTER * usual) ** 2
-        scatter = off / passed
+            first = np.flatnonzero(np.diff(cell, prepend=-1))  # Of every passage
+            wait = np.add.reduceat(np.where(seen, u.own.standing, 0.0), first)
+            both += np.bincount(place[first], wait > 0.0, len(both))
+            # Whoever sets off there has not passed.
+            use = (seen & u.own.inside)[first] | (wait > 0.0)
+            found.append(np.stack([cell[first], u.own.motion.time[first], wait])[:, use])
+        lane, time, wait = np.concatenate(found, axis=1)
+        order = np.lexsort((time, lane))
+        lane, wait = lane[order].astype(np.int64), wait[order]
+        passed, stood = (
+            np.maximum(np.bincount(lane[k], minlength=n), 1.0) for k in (wait >= 0.0, wait > 0.0)
+        )
+        # Passages are compared with the one before: where trucks wait since noon, that is no scatter.
+        next_one = np.diff(lane) == 0
+        off = np.bincount(lane[1:][next_one], 0.5 * np.diff(wait)[next_one] ** 2, n)
+        scatter = (off + (SCATTER * np.bincount(lane, wait, n) / stood) ** 2) / passed
         for u in made:
             cell, place = self._cells(u)
             noise, waits = np.zeros(len(u.recorded)), both[place] >= FEW

@@ -184,10 +184,10 @@ def pattern_hypotheses(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis
     out = []
     if cells.odd:
         even = tuple(Pattern(d.tobytes(), "whole site") for d in cells.directions())
-        out.append(Hypothesis(h.term, patterns=even))
+        out.append(replace(h, field=False, patterns=even))
     if isinstance(cells, Stretches):
         found = _stretches(problem, sums, joint, h, cells)
-        out += [Hypothesis(h.term, patterns=tuple(found[: i + 1])) for i in range(len(found))]
+        out += [replace(h, field=False, patterns=tuple(found[: i + 1])) for i in range(len(found))]
     return out
 
 

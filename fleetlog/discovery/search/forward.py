@@ -13,7 +13,7 @@ from fleetlog.discovery.search.beside import Screened, pattern_hypotheses, scree
 from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tightened, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
-from fleetlog.discovery.search.scopes import narrowed, scoped
+from fleetlog.discovery.search.scopes import narrowed, scoped, stood_out
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,21 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
     # What gains most may be spread thinly over the site, and not count; waits gather at few places and gain
     # less.
     waits = [s for s in worth if s.hypothesis.physics is not None and s.hypothesis.physics.acts == "wait"]
-    return _best(problem, sums, now, found, screened, waits) if waits else None
+    better = _best(problem, sums, now, found, screened, waits) if waits else None
+    return better or _at_times(problem, now, found)
+
+
+def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
+    """Return the model with the best field that is there for a part of the time: over all of it, it gains
+    less by that part, and trips disagree."""
+    if not (fields := stood_out(problem, now)):
+        return None
+    sums = problem.sums(now.model, [*now.chosen, *fields])
+    now = scored(problem, sums, now.model, now.chosen)
+    shapes = [p for h in fields for p in pattern_hypotheses(problem, sums, now, h)]
+    screened = screen(problem, sums, now, [*fields, *shapes])
+    worth = [s for s in screened if _significant(problem, now, s)]
+    return _best(problem, sums, now, found, screened, worth)
 
 
 def _best(

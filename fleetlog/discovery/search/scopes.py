@@ -4,15 +4,17 @@ The products of a number's column are summed by truck and by slot of time.  Thos
 them, so that all sets of trucks that stand out, all pairs of a begin and an end, and a drift are compared at
 once."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Floats, Ints
+from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
 from fleetlog.discovery.model import Knob, Scope
+from fleetlog.discovery.recording.blocks import Windows
 from fleetlog.discovery.search.beside import Added, Beside, Screened
 from fleetlog.discovery.search.design import Atom, Design, make_design, of_hypothesis
 from fleetlog.discovery.search.joint import Joint
@@ -130,6 +132,48 @@ def narrowed(problem: Problem, now: Joint, joint: Joint) -> Hypothesis | None:
     return replace(h, when=max(_parts(s.column(0), s.edges, every), key=lambda p: p[0])[1])
 
 
+def stood_out(problem: Problem, now: Joint) -> list[Hypothesis]:
+    """Return each field of roads in the part of the time in which one road says most for it, if that is worth
+    a look: the model's own columns stay as they are here."""
+    taken, channel = {h.term for h in now.chosen}, problem.channel
+    fields = [h for h in problem.rest if h.field and h.term and h.term not in taken]
+    tried = [replace(h, field=False, patterns=_roads(channel.cells(h.physics))) for h in fields]
+    owner = np.repeat(np.arange(len(tried)), [len(h.patterns) for h in tried])
+    bounds = [p.parameters[0].plausible for h in tried if (p := h.physics) for _ in h.patterns]
+    along, own, edges = (
+        np.zeros((SLOTS, len(owner))),
+        np.zeros((SLOTS, len(owner))),
+        channel.fleet.moments(SLOTS),
+    )
+    for slot, _, base, new, left in _rows(problem, now, tried, edges) if len(owner) else ():
+        off = left - base @ now.fitted.beta
+        for k in np.unique(slot):
+            along[k] += off[slot == k] @ new[slot == k]
+            own[k] += np.einsum("ij,ij->j", new[slot == k], new[slot == k])
+    first, last, cost = _spans(SLOTS)
+    moment, size = (np.diff(_running(a)[np.stack([first, last])], axis=0)[0] for a in (along, own))
+    value = np.clip(moment / np.maximum(size, 1e-12), *np.reshape(bounds, (-1, 2)).T)
+    gain = value * (2.0 * moment - value * size) / (2.0 * problem.noise.design) - cost[:, None]
+    out = []
+    for i, h in enumerate(fields):
+        best = gain[:, owner == i].max(axis=1, initial=0.0)
+        k = int(np.argmax(best))
+        if best[k] > problem.settings.evidence + problem.settings.parameter:
+            out.append(replace(h, when=_period(edges, first[k], last[k])))
+    return out
+
+
+def _roads(cells: Cells) -> tuple[Pattern, ...]:
+    """Every road of a field as a whole; none where there is no map."""
+    spans = cells.roads() if isinstance(cells, Stretches) else []
+    at = np.arange(len(cells))
+    return tuple(Pattern(((at >= a) & (at < b)).astype(float).tobytes(), "road") for a, b in spans)
+
+
+def _running(a: Floats) -> Floats:
+    return np.pad(np.cumsum(a, axis=0), ((1, 0), (0, 0)))
+
+
 def _numbers(now: Joint, screened: Sequence[Screened]) -> list[Hypothesis]:
     """Every number of the fleet whose changes are not in the model yet, in its most likely shape."""
     taken = {k.fleet for h in now.chosen for k in h.knobs if k.scope.timed}
@@ -140,24 +184,33 @@ def _numbers(now: Joint, screened: Sequence[Screened]) -> list[Hypothesis]:
     return list(best.values())
 
 
-def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slotted:
-    layout = problem.layout([*now.chosen, *numbers])
+def _rows(
+    problem: Problem, now: Joint, tried: Sequence[Hypothesis], edges: Floats
+) -> Iterator[tuple[Ints, Windows, Floats, Floats, Floats]]:
+    """Yield (w,) slots of time, windows, the weighted columns (w, K) of a model and (w, J) of hypotheses,
+    and what the model leaves, (w,)."""
+    layout = problem.layout([*now.chosen, *tried])
     design = make_design(problem.channel, layout, now.model, now.chosen)
-    added = Design(tuple(of_hypothesis(problem.channel, layout, now.model, h)[0] for h in numbers))
-    vehicles, folds = len(problem.channel.fleet.vehicles), problem.settings.folds
-    slots = int(np.clip(GROUPS // vehicles, 12, SLOTS))
-    edges = problem.channel.fleet.moments(slots)
-    k, j, groups = len(design.atoms), len(numbers), folds * vehicles * slots
-    gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
-    # Sums of the search itself are of columns in single precision; there are many of these.
-    cross, along, own = np.zeros((groups, j, k), np.float32), np.zeros((groups, j)), np.zeros((groups, j))
+    atoms = (a for h in tried for a in of_hypothesis(problem.channel, layout, now.model, h))
+    added = Design(tuple(atoms))
     for unit in problem.training():
         use, w = unit.whole, unit.windows[unit.whole]
         modelled, x = problem.channel.columns(unit, now.model, layout.sources)
         root = np.sqrt(problem.noise.weight(unit)[use])[:, None]
         base, new = (d.columns(x[use], w.vehicle) * root for d in (design, added))
-        left = (unit.recorded - modelled)[use] * root[:, 0]
-        slot = np.clip(np.searchsorted(edges, w.time, side="right") - 1, 0, slots - 1)
+        slot = np.clip(np.searchsorted(edges, w.time, side="right") - 1, 0, len(edges) - 2)
+        yield slot, w, base, new, (unit.recorded - modelled)[use] * root[:, 0]
+
+
+def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slotted:
+    vehicles, folds = len(problem.channel.fleet.vehicles), problem.settings.folds
+    slots = int(np.clip(GROUPS // vehicles, 12, SLOTS))
+    edges = problem.channel.fleet.moments(slots)
+    k, j, groups = len(now.design.atoms), len(numbers), folds * vehicles * slots
+    gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
+    # Sums of the search itself are of columns in single precision; there are many of these.
+    cross, along, own = np.zeros((groups, j, k), np.float32), np.zeros((groups, j)), np.zeros((groups, j))
+    for slot, w, base, new, left in _rows(problem, now, numbers, edges):
         code = (problem.split.slow_fold(w) * vehicles + w.vehicle) * slots + slot
         for c in np.unique(code):
             rows = code == c
@@ -171,7 +224,7 @@ def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slo
     prior = Design(tuple(replace(a, precision=0.0) if _is_class(a) else a for a in now.design.atoms)).prior
     return Slotted(
         edges, gram, moment, cross.reshape(*shape, k), along.reshape(shape), own.reshape(shape), prior, beta,
-        tuple(a.knob for a in design.atoms),
+        tuple(a.knob for a in now.design.atoms),
         2.0 * problem.noise.design, any(_is_class(a) for a in now.design.atoms),
     )  # fmt: skip
 
@@ -210,20 +263,29 @@ def _kind(column: Column) -> list[tuple[Scope, Floats]]:
 def _parts(column: Column, edges: Floats, who: tuple[int, ...]) -> list[tuple[float, Scope, Floats]]:
     """The likeliest part of the time in some trucks, and a drift: gain less its choice, scope, weight."""
     _, vehicles, slots = column.along.shape
-    first, last = np.triu_indices(slots + 1, SHORTEST)
-    part = last - first <= slots - SHORTEST
-    first, last, number = first[part], last[part], np.arange(slots)
+    (first, last, ends), number = _spans(slots), np.arange(slots)
     there = (number >= first[:, None]) & (number < last[:, None])
     ramp = (number + 0.5) / slots
     trucks = np.isin(np.arange(vehicles), who).astype(float)
     weights = trucks[:, None] * np.concatenate([there, ramp[None]])[:, None, :]
     gains = column.gain(weights)[0]
-    ends = np.append(TIME * ((first > 0).astype(float) + (last < slots)), 2.0 * TIME)
-    k, scope = int(np.argmax((gains - ends)[:-1])), Scope(who if len(who) < vehicles else ())
-    begin = float(edges[first[k]]) if first[k] else -np.inf
-    until = float(edges[last[k]]) if last[k] < slots else np.inf
-    drift = replace(scope, begin=float(edges[0]), until=float(edges[-1]), drift=True)
+    ends = np.append(ends, 2.0 * TIME)
+    k, own = int(np.argmax((gains - ends)[:-1])), who if len(who) < vehicles else ()
+    drift = Scope(own, float(edges[0]), float(edges[-1]), drift=True)
     return [
-        (float(gains[k] - ends[k]), replace(scope, begin=begin, until=until), weights[k]),
+        (float(gains[k] - ends[k]), _period(edges, first[k], last[k], own), weights[k]),
         (float(gains[-1] - ends[-1]), drift, weights[-1]),
     ]
+
+
+def _spans(slots: int) -> tuple[Ints, Ints, Floats]:
+    """The first slot of every part of the time, the one after its last, and what its ends cost."""
+    first, last = np.triu_indices(slots + 1, SHORTEST)
+    part = last - first <= slots - SHORTEST
+    first, last = first[part], last[part]
+    return first, last, TIME * ((first > 0).astype(float) + (last < slots))
+
+
+def _period(edges: Floats, first: int, last: int, who: tuple[int, ...] = ()) -> Scope:
+    begin = float(edges[first]) if first else -np.inf
+    return Scope(who, begin, float(edges[last]) if last < len(edges) - 1 else np.inf)
