@@ -17,9 +17,7 @@ from fleetlog.store import Dataset
 KINDS: tuple[PlaceKind, ...] = ("pick", "drop", "park", "charge")
 
 
-def stops(
-    dataset: Dataset, *, min_visits: Annotated[int, Between(1, 1_000_000_000, whole=True)] = 3
-) -> Result:
+def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whole=True)] = 3) -> Result:
     """Find the places where trucks stop regularly, and what for.
 
     Parameters

@@ -77,9 +77,7 @@ def diagnose(
             progress(name)
             explained[name] = next(found)
     if not explained:
-        raise DataError(
-            "no channel to judge", do="record battery power, state of charge, or positions on a road map"
-        )
+        raise DataError("no channel to judge", do="record power, state of charge, or positions on a road map")
     return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, fleet)
 
 

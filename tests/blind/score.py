@@ -45,6 +45,8 @@ def judge(key: Json, found: Json) -> str:
     outside = [e for e in key["effects"] if e["follows"]]
     if outside and len(truth) == len(outside):
         return _outside(outside, findings, named)
+    other = {a: e["term"] for e in key["effects"] for a in e["accept"] if a not in truth}
+    named = {other.get(n, n) for n in named}
     if named == truth:
         return "extra" if open_end else "right"
     if truth <= named:

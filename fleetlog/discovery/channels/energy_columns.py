@@ -171,9 +171,7 @@ class EnergyAbout(About):
         now = np.asarray(self.e.physics.values.get(term.name, {}).get(first.name, first.neutral), dtype=float)
         at = 1.0 / now if first.inverse else now
         up, down = ((1.0 / (at + s * delta)) if first.inverse else at + s * delta for s in (1.0, -1.0))
-        return (self.e.change(term, {first.name: up}) - self.e.change(term, {first.name: down})) / (
-            2.0 * delta
-        )
+        return (self.e.change(term, {first.name: up}) - self.e.change(term, {first.name: down})) / 2.0 / delta
 
     def _curve(self, curve: FreeCurve) -> Floats:
         weight, total = self._weights[curve.mode], np.zeros((self.own.count, curve.width))

@@ -172,9 +172,7 @@ class TravelChannel(Channel):
         lane, time, wait = np.concatenate(found, axis=1)
         order = np.lexsort((time, lane))
         lane, wait = lane[order].astype(np.int64), wait[order]
-        passed, stood = (
-            np.maximum(np.bincount(lane[k], minlength=n), 1.0) for k in (wait >= 0.0, wait > 0.0)
-        )
+        passed, stood = (np.maximum(np.bincount(lane[k], minlength=n), 1.0) for k in (wait >= 0, wait > 0))
         # Passages are compared with the one before: where trucks wait since noon, that is no scatter.
         next_one = np.diff(lane) == 0
         off = np.bincount(lane[1:][next_one], 0.5 * np.diff(wait)[next_one] ** 2, n)

@@ -89,11 +89,11 @@ class Design:
 
     def columns(self, x: NDArray[np.float32], vehicle: Ints) -> Floats:
         """Return the coefficients' columns, (W, k), from the layout's, (W, P), and the windows' vehicles."""
-        out = np.empty((len(x), len(self.atoms)))
+        basis = np.zeros((x.shape[1], len(self.atoms)))
         for j, atom in enumerate(self.atoms):
-            own = x[:, atom.columns] @ atom.weights
-            out[:, j] = own if atom.vehicle is None else own * (vehicle == atom.vehicle)
-        return out
+            basis[atom.columns, j] = atom.weights
+        own = np.array([-1 if a.vehicle is None else a.vehicle for a in self.atoms])
+        return np.asarray((x @ basis) * ((own < 0) | (vehicle[:, None] == own)))
 
     def _vehicles(self, sums: Sums, basis: sparse.csr_matrix, fleet: Mask, n: Normal) -> None:
         """Fill in the products of the coefficients that belong to one vehicle."""
@@ -152,9 +152,7 @@ def of_hypothesis(
     now = np.zeros(len(columns))
     if fitted and h.term in model.fields:
         now = channel.cells(h.physics).inverse @ model.fields[h.term]
-    return [
-        Atom(columns[i : i + 1], np.ones(1), precision, -float(now[i]), owner=h) for i in range(len(columns))
-    ]
+    return [Atom(columns[[i]], np.ones(1), precision, -float(now[i]), owner=h) for i in range(len(columns))]
 
 
 def _free(layout: Layout, model: Model, h: Hypothesis, knob: Knob, source: Source) -> Atom:

@@ -78,9 +78,7 @@ def tuned(problem: Problem, sums: Sums, model: Model, chosen: Sequence[Hypothesi
 
 def tightened(chosen: tuple[Hypothesis, ...]) -> list[tuple[Hypothesis, ...]]:
     """Return hypotheses, and the same with tight priors of fields: wide ones take up what is yet to tell."""
-    tight = tuple(
-        replace(h, variance=VARIANCES[0]) if h.field and h.term and not h.patterns else h for h in chosen
-    )
+    tight = tuple(replace(h, variance=VARIANCES[0]) if h.field and h.term else h for h in chosen)
     return [chosen] if tight == chosen else [chosen, tight]
 
 

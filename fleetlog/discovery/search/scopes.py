@@ -94,12 +94,11 @@ class Slotted:
             loose is not None and k is not None and k.fleet == loose for k in self.knobs
         ]
         held, cross = np.where(free, 0.0, self.beta), self.cross[..., j, :]
-        if free.tobytes() not in self._models:
+        key = free.tobytes()
+        if key not in self._models:
             moment = (self.moment - self.gram @ held)[:, free]
-            self._models[free.tobytes()] = Beside(
-                self.gram[:, free][:, :, free], moment, self.prior.part(free)
-            )
-        model, along = self._models[free.tobytes()], self.along[..., j] - cross @ held
+            self._models[key] = Beside(self.gram[:, free][:, :, free], moment, self.prior.part(free))
+        model, along = self._models[key], self.along[..., j] - cross @ held
         return Column(model, cross[..., free], along, self.own[..., j], self.unit)
 
 
@@ -140,27 +139,21 @@ def stood_out(problem: Problem, now: Joint) -> list[Hypothesis]:
     tried = [replace(h, field=False, patterns=_roads(channel.cells(h.physics))) for h in fields]
     owner = np.repeat(np.arange(len(tried)), [len(h.patterns) for h in tried])
     bounds = [p.parameters[0].plausible for h in tried if (p := h.physics) for _ in h.patterns]
-    along, own, edges = (
-        np.zeros((SLOTS, len(owner))),
-        np.zeros((SLOTS, len(owner))),
-        channel.fleet.moments(SLOTS),
-    )
+    (along, own), edges = np.zeros((2, SLOTS, len(owner))), channel.fleet.moments(SLOTS)
     for slot, _, base, new, left in _rows(problem, now, tried, edges) if len(owner) else ():
         off = left - base @ now.fitted.beta
         for k in np.unique(slot):
-            along[k] += off[slot == k] @ new[slot == k]
-            own[k] += np.einsum("ij,ij->j", new[slot == k], new[slot == k])
-    first, last, cost = _spans(SLOTS)
-    moment, size = (np.diff(_running(a)[np.stack([first, last])], axis=0)[0] for a in (along, own))
+            x = new[slot == k]
+            along[k] += off[slot == k] @ x
+            own[k] += (x * x).sum(axis=0)
+    there, first, last, cost = _spans(SLOTS)
+    moment, size = there @ along, there @ own
     value = np.clip(moment / np.maximum(size, 1e-12), *np.reshape(bounds, (-1, 2)).T)
     gain = value * (2.0 * moment - value * size) / (2.0 * problem.noise.design) - cost[:, None]
-    out = []
-    for i, h in enumerate(fields):
-        best = gain[:, owner == i].max(axis=1, initial=0.0)
-        k = int(np.argmax(best))
-        if best[k] > problem.settings.evidence + problem.settings.parameter:
-            out.append(replace(h, when=_period(edges, first[k], last[k])))
-    return out
+    worth = problem.settings.evidence + problem.settings.parameter
+    best = [gain[:, owner == i].max(axis=1, initial=0.0) for i in range(len(fields))]
+    when = [_period(edges, first[g.argmax()], last[g.argmax()]) for g in best]
+    return [replace(h, when=t) for h, t, g in zip(fields, when, best, strict=True) if g.max() > worth]
 
 
 def _roads(cells: Cells) -> tuple[Pattern, ...]:
@@ -168,10 +161,6 @@ def _roads(cells: Cells) -> tuple[Pattern, ...]:
     spans = cells.roads() if isinstance(cells, Stretches) else []
     at = np.arange(len(cells))
     return tuple(Pattern(((at >= a) & (at < b)).astype(float).tobytes(), "road") for a, b in spans)
-
-
-def _running(a: Floats) -> Floats:
-    return np.pad(np.cumsum(a, axis=0), ((1, 0), (0, 0)))
 
 
 def _numbers(now: Joint, screened: Sequence[Screened]) -> list[Hypothesis]:
@@ -191,8 +180,7 @@ def _rows(
     and what the model leaves, (w,)."""
     layout = problem.layout([*now.chosen, *tried])
     design = make_design(problem.channel, layout, now.model, now.chosen)
-    atoms = (a for h in tried for a in of_hypothesis(problem.channel, layout, now.model, h))
-    added = Design(tuple(atoms))
+    added = Design(tuple(a for h in tried for a in of_hypothesis(problem.channel, layout, now.model, h)))
     for unit in problem.training():
         use, w = unit.whole, unit.windows[unit.whole]
         modelled, x = problem.channel.columns(unit, now.model, layout.sources)
@@ -263,9 +251,8 @@ def _kind(column: Column) -> list[tuple[Scope, Floats]]:
 def _parts(column: Column, edges: Floats, who: tuple[int, ...]) -> list[tuple[float, Scope, Floats]]:
     """The likeliest part of the time in some trucks, and a drift: gain less its choice, scope, weight."""
     _, vehicles, slots = column.along.shape
-    (first, last, ends), number = _spans(slots), np.arange(slots)
-    there = (number >= first[:, None]) & (number < last[:, None])
-    ramp = (number + 0.5) / slots
+    there, first, last, ends = _spans(slots)
+    ramp = (np.arange(slots) + 0.5) / slots
     trucks = np.isin(np.arange(vehicles), who).astype(float)
     weights = trucks[:, None] * np.concatenate([there, ramp[None]])[:, None, :]
     gains = column.gain(weights)[0]
@@ -278,12 +265,13 @@ def _parts(column: Column, edges: Floats, who: tuple[int, ...]) -> list[tuple[fl
     ]
 
 
-def _spans(slots: int) -> tuple[Ints, Ints, Floats]:
-    """The first slot of every part of the time, the one after its last, and what its ends cost."""
+def _spans(slots: int) -> tuple[Floats, Ints, Ints, Floats]:
+    """All parts of the time: their slots (N, S), the first and the one after the last, what the ends cost."""
     first, last = np.triu_indices(slots + 1, SHORTEST)
     part = last - first <= slots - SHORTEST
-    first, last = first[part], last[part]
-    return first, last, TIME * ((first > 0).astype(float) + (last < slots))
+    first, last, slot = first[part], last[part], np.arange(slots)
+    there = (slot >= first[:, None]) & (slot < last[:, None])
+    return there.astype(float), first, last, TIME * ((first > 0).astype(float) + (last < slots))
 
 
 def _period(edges: Floats, first: int, last: int, who: tuple[int, ...] = ()) -> Scope:

@@ -234,9 +234,7 @@ def assembled(
 def _nothing(noise: Noise) -> Reconstruction:
     none, index = np.zeros(0), np.zeros(0, np.int64)
     states = Smoothed(np.zeros((0, 3)), np.zeros((0, 6)), np.zeros((0, 9), np.float32))
-    return Reconstruction(
-        Motion.of(0), index, none, none, none, none > 0.0, noise, index, states, index, none
-    )
+    return Reconstruction(Motion.of(0), index, none, none, none, none > 0, noise, index, states, index, none)
 
 
 def _spread(deviation: Floats) -> Floats:
