@@ -78,13 +78,11 @@ def picture(facts: Facts, shape: Layer | Panel | None, caption: str, result: Res
     return Picture(svg(whole, facts.site, shape, salt=salt, scale=scale, zone=facts.zone), caption)
 
 
-_HOUSE = jinja2.Environment(
-    loader=jinja2.PackageLoader("fleetlog.report", "templates"), autoescape=True, trim_blocks=True,
-    lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-)  # fmt: skip
-_HOUSE.filters["drawn"] = Markup
-
-
 def render(template: str, **values: Any) -> str:
     """One self-contained HTML page; all but pictures of our own (filter ``drawn``) is escaped."""
-    return _HOUSE.get_template(template).render(**values)
+    house = jinja2.Environment(
+        loader=jinja2.PackageLoader("fleetlog.report", "templates"), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    house.filters["drawn"] = Markup
+    return house.get_template(template).render(**values)

@@ -137,7 +137,7 @@ def _states(table: pd.DataFrame) -> Ledger:
     cut = spent.quarters(table)
     hours = spent.hours_by_state(cut, cut["vehicle_id"], cut["start"].dt.floor("15min"))
     hours["hours"] = hours.drop(columns="no_data").sum(axis=1)
-    hours["moving"] = hours[[s for s in spent.STATES if s.startswith("driving")]].sum(axis=1)
+    hours["moving_h"] = hours[[s for s in spent.STATES if s.startswith("driving")]].sum(axis=1)
     return hours.rename(columns={s: f"{s}_h" for s in spent.STATES})
 
 

@@ -47,7 +47,7 @@ class Figure:
 
 FIGURES = (
     Figure("truck_hours", "Truck hours observed", "h", "hours", title=True),
-    Figure("driving_share", "Driving", "%", "moving", "hours", 100.0, title=True),
+    Figure("driving_share", "Driving", "%", "moving_h", "hours", 100.0, title=True),
     Figure("laden_share", "Driving with a load", "%", "driving_laden_h", "load_hours", 100.0),
     Figure("empty_share", "Driving empty", "%", "driving_empty_h", "load_hours", 100.0),
     Figure("handling_share", "Handling loads", "%", "handling_h", "load_hours", 100.0),
@@ -60,7 +60,7 @@ FIGURES = (
     Figure("trips_per_hour", "Trips per truck hour", "1/h", "trips", "hours"),
     Figure("km", "Distance", "km", "km", title=True),
     Figure("km_per_hour", "Distance per truck hour", "km/h", "km", "hours"),
-    Figure("speed", "Mean speed while driving", "km/h", "km", "moving"),
+    Figure("speed", "Mean speed while driving", "km/h", "km", "moving_h"),
     Figure("kwh", "Energy used", "kWh", "used_kwh", title=True),
     Figure("kwh_per_km", "Energy per kilometre", "kWh/km", "used_kwh", "energy_km", title=True),
     Figure("kwh_per_task", "Energy per task", "kWh", "task_kwh", "energy_tasks"),
@@ -69,8 +69,8 @@ FIGURES = (
     Figure("cost", "Energy cost", "", "cost", title=True),
     Figure("cost_per_task", "Energy cost per task", "", "task_cost", "energy_tasks"),
     Figure("co2_kg", "CO2", "kg", "co2_kg", title=True),
-    Figure("delay", "Delay in congestion per driving hour", "min/h", "delay_s", "moving", 1.0 / 60.0),
-    Figure("over_limit", "Driving above the speed limit", "%", "over_s", "moving", 100.0 / 3600.0),
+    Figure("delay", "Delay in congestion per driving hour", "min/h", "delay_s", "moving_h", 1.0 / 60.0),
+    Figure("over_limit", "Driving above the speed limit", "%", "over_s", "moving_h", 100.0 / 3600.0),
     Figure("near_misses", "Near misses between trucks", "", "near_misses", title=True),
     Figure("near_misses_per_100_km", "Near misses per 100 km", "1/100 km", "near_misses", "km", 100.0),
 )

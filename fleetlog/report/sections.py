@@ -104,6 +104,8 @@ def work(f: Facts) -> Part:
     hours = f.ledger[["tasks", "hours"]].groupby(start.dt.floor("h").to_numpy()).sum(min_count=1)
     hourly = hours.loc[hours["hours"] > 0.0, "tasks"]
     if len(hourly) > 1 and hourly.notna().any():
+        # An hour of nothing ends every shift: no curve runs on through the night.
+        hourly = hourly.reindex(hourly.index.union(hourly.index + pd.Timedelta("1h")))
         x, y = pd.DatetimeIndex(hourly.index).as_unit("us").asi8, {"tasks": hourly.to_numpy(float)}
         curve = Series("tasks", x, y, "time", "tasks per hour", over_time=True, counts=True)
         part.blocks.append(picture(f, curve, "Tasks done in each hour"))
@@ -177,7 +179,7 @@ def congestion(f: Facts) -> Part:
     if areas is not None:
         part.blocks.append(table(areas, AREAS, "Where trucks lose most time", most=8))
         marks = [m for m in result.shapes if isinstance(m, Marks)]
-        caption = "Delay in congestion, with the areas that it adds up to"
+        caption = "Delay in congestion; rings: the areas with most of it"
         for layer in shapes(f, "density", EdgeValues):
             part.blocks.append(picture(f, layer, caption, Result("density", {}, shapes=[layer, *marks])))
     return part
@@ -293,7 +295,9 @@ def answers(f: Facts) -> list[str]:
             f"and drove {of('km')} km."
         )
     if values["kwh"] > 0.0:
-        out.append(f"The fleet used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre.")
+        k, n = len(f.energy_from), len(f.dataset.vehicles)
+        who = "The fleet" if k == n else f"{k} of {trucks} (the energy of the others is unknown)"
+        out.append(f"{who} used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre.")
         told = {"cost": f"cost {of('cost')} {f.currency}", "co2_kg": f"emitted {of('co2_kg')} kg of CO2"}
         if any(values[name] > 0.0 for name in told):
             out.append(f"That {listed([said for name, said in told.items() if values[name] > 0.0])}.")
