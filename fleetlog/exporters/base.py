@@ -34,6 +34,7 @@ class Selection:
     dataset: Dataset
     vehicles: tuple[str, ...]
     target: Path
+    overwrite: bool = False  # Whether files beside the target may be replaced
     counts: Counter[str] = field(default_factory=Counter)
 
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
@@ -143,7 +144,7 @@ def export_dataset(
     chosen = tuple(vehicles) or tuple(source.vehicles)
     options: dict[str, Any] = {"overwrite": overwrite, "folder": False, "inputs": [source.path]}
     with atomic_output(output, f"{to} export", **options) as scratch:
-        selection = Selection(source, chosen, output)
+        selection = Selection(source, chosen, output, overwrite)
         more = known[to].write(selection, scratch) or {}
         size = scratch.stat().st_size
     told = {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size}
