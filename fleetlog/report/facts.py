@@ -118,9 +118,11 @@ def _ledger(facts: Facts) -> Ledger:
         out = out.drop(columns="over_s")
     if results["near_misses"].summary["near_misses"] is None:
         out = out.drop(columns="near_misses")
+    known = out["energy_h"].groupby(level="vehicle_id").transform("sum") > 0.0
+    out.loc[~known, ["used_kwh", "charged_kwh"]] = np.nan
     # A truck without a load channel shows no tasks: it does not count where tasks are counted.
     loads = out.groupby(level="vehicle_id")["driving_h"].transform("sum") == 0.0
-    powered = loads & (out.groupby(level="vehicle_id")["energy_h"].transform("sum") > 0.0)
+    powered = loads & known
     if not loads.any():
         out["tasks"] = np.nan
     out["load_hours"] = out["hours"].where(loads, 0.0)

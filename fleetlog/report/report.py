@@ -20,7 +20,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, listed
 from fleetlog.errors import ArgumentError, DataError, InputError
 from fleetlog.registry import added, part
-from fleetlog.report.content import Part, render
+from fleetlog.report.content import Part, picture, render
 from fleetlog.report.diagnosis import in_short
 from fleetlog.report.facts import Facts, gather
 from fleetlog.report.figures import Row, changes, frame, page_table, rows_of
@@ -29,6 +29,7 @@ from fleetlog.store import Dataset
 from fleetlog.store.output import atomic_output
 from fleetlog.version import __version__
 from fleetlog.view.palette import scales_of
+from fleetlog.view.picture import Layer, Panel
 
 PLACES = {"speeding": "speeding", "near_misses": "near_misses", "places": "stops", "areas": "density"}
 """Tables of the report, and the result that each is of."""
@@ -115,7 +116,7 @@ def _about(f: Facts) -> list[tuple[str, str]]:
 
 
 def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
-    """Title and a part for each dataset; at last the sentences of analyses that other packages add."""
+    """Title and a part for each dataset; at last what analyses of other packages say and draw."""
     out = []
     for title, make in SECTIONS.items():
         out.append((title, [replace(make(f), name=f.name) for f in facts]))
@@ -126,7 +127,9 @@ def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
     for f in facts:
         for result in added_results(f.dataset, f.truck):
             title = result.name.replace("_", " ").capitalize()
-            more.setdefault(title, []).append(Part(result.lines, name=f.name))
+            drawn = [s for s in result.shapes if isinstance(s, Layer | Panel)]
+            blocks = [picture(f, s, s.name.replace("_", " ").capitalize(), result) for s in drawn]
+            more.setdefault(title, []).append(Part(result.lines, list(blocks), f.name))
     return [*out, *more.items()]
 
 

@@ -120,9 +120,8 @@ def work(f: Facts) -> Part:
 def energy_part(f: Facts) -> Part:
     """Energy, cost and CO2 by truck, and by cause where a truck file is given."""
     keep = [c for c in ENERGY_SUMS if c in f.ledger]
-    trucks = f.ledger[keep].groupby(level="vehicle_id").sum().reset_index()
+    trucks = f.ledger[keep].groupby(level="vehicle_id").sum(min_count=1).reset_index()
     known = trucks["energy_h"] > 0.0
-    trucks.loc[~known, [c for c in keep if c != "energy_h"]] = np.nan
     trucks["per_km"] = trucks["used_kwh"] / trucks["energy_km"].where(trucks["energy_km"] > 0.01)
     trucks["source"] = [f.energy_from.get(v, "unknown") for v in trucks["vehicle_id"]]
     money = f" (cost in {f.currency})" if "cost" in trucks else ""

@@ -220,6 +220,12 @@ def test_energy_of_some_trucks_is_not_called_that_of_the_fleet(write) -> None:
         write([*alike, straight("D", (0, 40), (1.5, 0), 600.0)], name="some"),
         write(alike, name="every"),
     )
+    ledger = report(some).tables["ledger"].groupby("vehicle_id")["used_kwh"].sum(min_count=1)
+    assert ledger[["A", "B", "C"]].gt(0.0).all() and np.isnan(ledger["D"])
+    none = report(write([straight("D", (0, 0), (1.5, 0), 600.0)], name="none")).summary["datasets"][0][
+        "figures"
+    ]
+    assert not {"kwh", "charged_kwh"} & set(none)
     assert "3 of 4 trucks (the energy of the others is unknown) used" in " ".join(report(some).lines)
     assert any(line.startswith("The fleet used") for line in report(every).lines)
     both = [line for line in report([some, every]).lines if "energy is known" in line]
