@@ -15,17 +15,19 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.core.arguments import Between
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.words import count
 from fleetlog.store import Dataset
+from fleetlog.store.events import read_table
 
 STEP = 0.25  # Of the common time grid [s]
 LONGEST_GAP = 2.5  # Between rows farther apart nobody knows where a truck was to a second [s]
 CELL = 1.0  # Side of a spot on the floor [m]
 SAME = 5.0  # Two moments of one pair within this are one near miss [s]
 MOVING = 0.5  # A truck that is slower does not cross another's way [m/s]
+IN_BAY = 0.5  # A truck that stands nearer to the middle of a bay is in it [m]
 CHUNK = int(600.0 / STEP)  # Steps that are compared at once
 PLACE = ("x", "y", "heading")
 COLUMNS = (*PLACE, "speed")
@@ -101,12 +103,26 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
 
 def _fleets(dataset: Dataset) -> Iterator[pd.DataFrame]:
     """The fleet on a grid, day by day; ``vehicle`` is its number."""
+    bays = read_table(dataset, "bays")
     for date in dataset.dates:
         days = [dataset.read(v, date, COLUMNS) for v in dataset.vehicles]
-        placed = [t[np.logical_and.reduce([np.isfinite(t.floats(c)) for c in PLACE])] for t in days]
+        placed = [t[_on_the_road(t, bays)] for t in days]
         rows = [_gridded(t).assign(vehicle=k) for k, t in enumerate(placed) if len(t) > 1]
         if any(map(len, rows)):
             yield pd.concat(rows, ignore_index=True)
+
+
+def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Mask:
+    """(N,) whether a place is known, and is no bay of a simulation in which the truck stands: its bays lie
+    beside the road, also where those drawn after a recording are on it."""
+    known: Mask = np.logical_and.reduce([np.isfinite(t.floats(c)) for c in PLACE])
+    if bays is None or not len(bays):
+        return known
+    from scipy.spatial import cKDTree
+
+    at = np.nan_to_num(np.column_stack([t.floats("x"), t.floats("y")]))
+    near = cKDTree(bays[["x", "y"]].to_numpy(float)).query(at)[0] < IN_BAY
+    return np.asarray(known & ~(near & (t.floats("speed") <= MOVING)))
 
 
 def _gridded(t: Trajectory) -> pd.DataFrame:

@@ -156,6 +156,20 @@ def test_trucks_far_apart_in_time_or_place_do_not_meet(write) -> None:
     assert not len(near_misses(write(parallel, name="e")).places["near_misses"])
 
 
+def test_a_truck_in_a_bay_of_a_simulation_is_beside_the_road(write) -> None:
+    """After a recording the simulator draws bays where trucks stood, on the road: others pass beside them."""
+    passing, standing = (
+        straight("A", (-20, 0), (2.0, 0), 20.0),
+        rows("B", range(21), x=0, y=0, heading=0, speed=0),
+    )
+    d = write([passing, standing])
+    assert near_misses(d).places["near_misses"].kind.tolist() == ["behind"]
+    for x, left in ((0.0, 0), (3.0, 1)):
+        pd.DataFrame({"place": ["p"], "x": [x], "y": [0.0]}).to_parquet(d.path / "bays.parquet")
+        d.meta["tables"] = {"bays": {"file": "bays.parquet"}}
+        assert len(near_misses(d).places["near_misses"]) == left
+
+
 @pytest.mark.parametrize(
     "delay, figures", [(0.9, ["ttc_s", "closing_speed"]), (2.0, ["pet_s", "closing_speed"])]
 )
