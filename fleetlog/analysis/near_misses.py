@@ -20,6 +20,7 @@ from fleetlog.core.result import Marks, Result
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.words import count
 from fleetlog.store import Dataset
+from fleetlog.store.dataset import ALONE
 from fleetlog.store.events import read_table
 
 STEP = 0.25  # Of the common time grid [s]
@@ -57,7 +58,7 @@ def near_misses(
         Table ``near_misses`` (``TABLE``; s, m/s, m; NaN where an indicator does not apply), in order of time.
     """
     found, judged = [np.zeros((0, len(RAW)))], False
-    for fleet in _fleets(dataset):
+    for fleet in () if dataset.alone else _fleets(dataset):
         judged |= fleet["vehicle"].nunique() > 1
         for first in range(fleet["step"].min(), fleet["step"].max() + 1, CHUNK):
             part = fleet[fleet["step"].between(first, first + CHUNK + round(pet / STEP), "left")]
@@ -70,7 +71,14 @@ def near_misses(
         "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
         "near_misses": len(table) if judged else None, "kinds": kinds,
     }  # fmt: skip
-    return Result("near_misses", summary, {}, {"near_misses": table}, [_marks(table)], _lines(summary, table))
+    return Result(
+        "near_misses",
+        summary,
+        {},
+        {"near_misses": table},
+        [_marks(table)],
+        _lines(summary, table, dataset.alone),
+    )
 
 
 def _marks(table: pd.DataFrame) -> Marks:
@@ -84,7 +92,9 @@ def _marks(table: pd.DataFrame) -> Marks:
     return Marks("near misses", at, labels, np.full(len(at), 1.0), "critical", note=note)
 
 
-def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
+def _lines(s: dict[str, Any], table: pd.DataFrame, alone: bool) -> list[str]:
+    if alone:
+        return [f"Near misses are unknown: {ALONE}."]
     if s["vehicles"] < 2:
         return ["Near misses are between trucks: one alone has none."]
     if s["near_misses"] is None:
