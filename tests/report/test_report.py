@@ -18,6 +18,7 @@ from drawn_trucks import crossing, random_truck, straight
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fleetlog
 from fleetlog import report
 from fleetlog.cli.main import cli
 from fleetlog.core.site import Frame, Place, Site, Zone
@@ -189,6 +190,7 @@ def test_page_and_tables_are_written_both_or_neither(write, tmp_path: Path) -> N
     assert not (tmp_path / "s.html").exists()
     assert run(d.path, "-o", page, "--overwrite", "--tables", book, "-q")[0] == 0
     assert {p.name for p in tmp_path.iterdir()} >= {"r.html", "r.xlsx", "tables"}
+    assert fleetlog.info(folder).summary["version"] == fleetlog.__version__
 
 
 def test_a_text_that_begins_with_equals_is_no_formula(write, tmp_path: Path) -> None:
