@@ -71,14 +71,8 @@ def near_misses(
         "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
         "near_misses": len(table) if judged else None, "kinds": kinds,
     }  # fmt: skip
-    return Result(
-        "near_misses",
-        summary,
-        {},
-        {"near_misses": table},
-        [_marks(table)],
-        _lines(summary, table, dataset.alone),
-    )
+    said = [f"Near misses are unknown: {ALONE}."] if dataset.alone else _lines(summary, table)
+    return Result("near_misses", summary, {}, {"near_misses": table}, [_marks(table)], said)
 
 
 def _marks(table: pd.DataFrame) -> Marks:
@@ -92,9 +86,7 @@ def _marks(table: pd.DataFrame) -> Marks:
     return Marks("near misses", at, labels, np.full(len(at), 1.0), "critical", note=note)
 
 
-def _lines(s: dict[str, Any], table: pd.DataFrame, alone: bool) -> list[str]:
-    if alone:
-        return [f"Near misses are unknown: {ALONE}."]
+def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     if s["vehicles"] < 2:
         return ["Near misses are between trucks: one alone has none."]
     if s["near_misses"] is None:
@@ -126,13 +118,10 @@ def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Mask:
     """(N,) whether a place is known, and is no bay of a simulation in which the truck stands: its bays lie
     beside the road, also where those drawn after a recording are on it."""
     known: Mask = np.logical_and.reduce([np.isfinite(t.floats(c)) for c in PLACE])
-    if bays is None or not len(bays):
-        return known
-    from scipy.spatial import cKDTree
-
-    at = np.nan_to_num(np.column_stack([t.floats("x"), t.floats("y")]))
-    near = cKDTree(bays[["x", "y"]].to_numpy(float)).query(at)[0] < IN_BAY
-    return np.asarray(known & ~(near & (t.floats("speed") <= MOVING)))
+    stands = t.floats("speed") <= MOVING
+    for x, y in [] if bays is None else bays[["x", "y"]].to_numpy(float):
+        known &= ~(stands & (np.hypot(t.floats("x") - x, t.floats("y") - y) < IN_BAY))
+    return known
 
 
 def _gridded(t: Trajectory) -> pd.DataFrame:

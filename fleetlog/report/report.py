@@ -83,10 +83,8 @@ def report(
 def _known_energy(facts: list[Facts]) -> list[str]:
     """A warning where the energy of some trucks is unknown: totals are then not those of the fleets."""
     known = [(len(f.energy_from), len(f.dataset.vehicles), f.name) for f in facts]
-    if all(k in (0, n) for k, n, _ in known):
-        return []
-    said = listed([f"{k} of {n} in {name}" for k, n, name in known])
-    return [f"Energy, cost and CO2 are those of the trucks whose energy is known: {said}."]
+    said = listed([f"{k} of {n} in {name}" for k, n, name in known if any(0 < k < n for k, n, _ in known)])
+    return [f"Energy, cost and CO2 are those of the trucks whose energy is known: {said}."] if said else []
 
 
 def _page(facts: list[Facts], rows: list[Row], lead: list[str]) -> str:
@@ -127,9 +125,9 @@ def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
     for f in facts:
         for result in added_results(f.dataset, f.truck):
             title = result.name.replace("_", " ").capitalize()
-            drawn = [s for s in result.shapes if isinstance(s, Layer | Panel)]
-            blocks = [picture(f, s, s.name.replace("_", " ").capitalize(), result) for s in drawn]
-            more.setdefault(title, []).append(Part(result.lines, list(blocks), f.name))
+            drawn: list[Any] = [s for s in result.shapes if isinstance(s, Layer | Panel)]
+            drawn = [picture(f, s, s.name.replace("_", " ").capitalize(), result) for s in drawn]
+            more.setdefault(title, []).append(Part(result.lines, drawn, f.name))
     return [*out, *more.items()]
 
 

@@ -101,11 +101,9 @@ def time_of(screen: Screen, slow: bool, names: Sequence[str] = ()) -> dict[str, 
     if slow or screen.duration <= LONG:
         start = end = rrb.TimeRangeBoundary.infinite()
         if names and screen.start is not None and screen.timeline == TIMELINE:
-            first, share = screen.start * 1e-6, (LEGEND + LETTER * max(map(len, names))) / PLOT
-            start, end = (
-                rrb.TimeRangeBoundary.absolute(seconds=first + part * screen.duration)
-                for part in (-share / (1.0 - share), 1.0)
-            )
+            share, first = (LEGEND + LETTER * max(map(len, names))) / PLOT, screen.start * 1e-6
+            edges = first - share / (1.0 - share) * screen.duration, first + screen.duration
+            start, end = (rrb.TimeRangeBoundary.absolute(seconds=edge) for edge in edges)
         return {"axis_x": rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))}
     before, after = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in WINDOW)
     axis = rrb.TimeAxis(view_range=rr.TimeRange(start=before, end=after))
