@@ -91,7 +91,7 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
         return ["Near misses are between trucks: one alone has none."]
     if s["near_misses"] is None:
         return [
-            f"Near misses cannot be told: that takes two trucks with rows every {LONGEST_GAP:g} s or less."
+            f"Near misses are unknown: they need two trucks with rows every {LONGEST_GAP:g} s or less."
         ]
     limits = f"{s['ttc_s']:g} s, or crossing within {s['pet_s']:g} s of one another (PET)"
     rule = f"time to collision (TTC) under {limits}"

@@ -109,5 +109,5 @@ def needs(term: str | None, others: Sequence[str]) -> str | None:
     if not others and term:
         return None
     if not named:
-        return "record a fleet that varies this more, or add a term of your own"
+        return "record trips in which this varies more, or add a term of your own"
     return "; ".join(dict.fromkeys(known[n].needs for n in named))
