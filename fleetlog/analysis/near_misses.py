@@ -90,9 +90,7 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     if s["vehicles"] < 2:
         return ["Near misses are between trucks: one alone has none."]
     if s["near_misses"] is None:
-        return [
-            f"Near misses are unknown: they need two trucks with rows every {LONGEST_GAP:g} s or less."
-        ]
+        return [f"Near misses are unknown: they need two trucks with rows every {LONGEST_GAP:g} s or less."]
     limits = f"{s['ttc_s']:g} s, or crossing within {s['pet_s']:g} s of one another (PET)"
     rule = f"time to collision (TTC) under {limits}"
     if not len(table):
