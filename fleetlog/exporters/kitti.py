@@ -6,27 +6,21 @@ from typing import Any
 import numpy as np
 
 from fleetlog.exporters.base import Exporter, Selection
-from fleetlog.store.output import atomic_output
-
-TIMES = "times.txt"
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
-    """Rotation about z by the heading; an unknown height or heading is written as 0.  The times appear
-    beside the poses, which are whole a moment later."""
+    """Rotation about z by the heading; an unknown height or heading is written as 0."""
     vehicle = selection.need_one_vehicle("KITTI")
-    beside: Any = {"overwrite": selection.overwrite, "folder": False, "inputs": [selection.dataset.path]}
-    with (
-        atomic_output(selection.target.parent / TIMES, "kitti export", **beside) as clock,
-        path.open("w", encoding="ascii") as out, clock.open("w", encoding="ascii") as times,
-    ):  # fmt: skip
+    with path.open("w", encoding="ascii") as out, selection.beside.open("w", encoding="ascii") as times:
         for t in map(selection.placed, selection.days(["x", "y", "z", "heading"])):
             z, yaw = np.nan_to_num(t.floats("z")), np.nan_to_num(t.floats("heading"))
             zero, one, c, s = np.zeros(len(t)), np.ones(len(t)), np.cos(yaw), np.sin(yaw)
             rows = (c, -s, zero, t.floats("x")), (s, c, zero, t.floats("y")), (zero, zero, one, z)
             np.savetxt(out, np.column_stack([v for row in rows for v in row]), fmt="%.9g")
             times.writelines(f"{us // 1_000_000}.{us % 1_000_000:06d}\n" for us in t.time.tolist())
-    return {"vehicle": vehicle, "times": str(selection.target.parent / TIMES)}
+    return {"vehicle": vehicle}
 
 
-EXPORTER = Exporter("kitti", ".txt", "KITTI poses of one vehicle, with times.txt beside them", write)
+EXPORTER = Exporter(
+    "kitti", ".txt", "KITTI poses of one vehicle, with times.txt beside them", write, beside="times.txt"
+)
