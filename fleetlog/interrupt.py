@@ -79,9 +79,10 @@ def keep_from_arrow() -> None:
 @contextmanager
 def held() -> Iterator[None]:
     """A block that no interrupt breaks; one that came before it is raised instead of entering."""
-    check()
+    if not (before := _state["held"]):
+        check()
     _state["held"] = True
     try:
         yield
     finally:
-        _state["held"] = False
+        _state["held"] = before

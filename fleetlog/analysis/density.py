@@ -18,6 +18,7 @@ from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, S
 from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
+from fleetlog.store.dataset import ALONE
 from fleetlog.store.days import Part, each_day, each_part
 from fleetlog.store.trips import STANDING_SPEED
 
@@ -47,6 +48,8 @@ def density(
     if network is None:
         what = "the dataset has no roads, and density needs driving distances"
         raise DataError(what, do="import it with --site")
+    if dataset.alone:
+        raise DataError(ALONE, do="simulate with --together")
     rule = Rule(threshold, speed, round(step * 1e6), include_standing)
     first, last = (us(str(dataset.meta[k]).rstrip("Z")) for k in ("start", "end"))
     # The time grid counts from 1970: no added day shifts it.

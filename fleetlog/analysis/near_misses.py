@@ -15,17 +15,20 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.core.arguments import Between
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.words import count
 from fleetlog.store import Dataset
+from fleetlog.store.dataset import ALONE
+from fleetlog.store.events import read_table
 
 STEP = 0.25  # Of the common time grid [s]
 LONGEST_GAP = 2.5  # Between rows farther apart nobody knows where a truck was to a second [s]
 CELL = 1.0  # Side of a spot on the floor [m]
 SAME = 5.0  # Two moments of one pair within this are one near miss [s]
 MOVING = 0.5  # A truck that is slower does not cross another's way [m/s]
+IN_BAY = 0.5  # A truck that stands nearer to the middle of a bay is in it [m]
 CHUNK = int(600.0 / STEP)  # Steps that are compared at once
 PLACE = ("x", "y", "heading")
 COLUMNS = (*PLACE, "speed")
@@ -55,7 +58,7 @@ def near_misses(
         Table ``near_misses`` (``TABLE``; s, m/s, m; NaN where an indicator does not apply), in order of time.
     """
     found, judged = [np.zeros((0, len(RAW)))], False
-    for fleet in _fleets(dataset):
+    for fleet in () if dataset.alone else _fleets(dataset):
         judged |= fleet["vehicle"].nunique() > 1
         for first in range(fleet["step"].min(), fleet["step"].max() + 1, CHUNK):
             part = fleet[fleet["step"].between(first, first + CHUNK + round(pet / STEP), "left")]
@@ -68,7 +71,8 @@ def near_misses(
         "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
         "near_misses": len(table) if judged else None, "kinds": kinds,
     }  # fmt: skip
-    return Result("near_misses", summary, {}, {"near_misses": table}, [_marks(table)], _lines(summary, table))
+    said = [f"Near misses are unknown: {ALONE}."] if dataset.alone else _lines(summary, table)
+    return Result("near_misses", summary, {}, {"near_misses": table}, [_marks(table)], said)
 
 
 def _marks(table: pd.DataFrame) -> Marks:
@@ -86,9 +90,7 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     if s["vehicles"] < 2:
         return ["Near misses are between trucks: one alone has none."]
     if s["near_misses"] is None:
-        return [
-            f"Near misses cannot be told: that takes two trucks with rows every {LONGEST_GAP:g} s or less."
-        ]
+        return [f"Near misses are unknown: they need two trucks with rows every {LONGEST_GAP:g} s or less."]
     limits = f"{s['ttc_s']:g} s, or crossing within {s['pet_s']:g} s of one another (PET)"
     rule = f"time to collision (TTC) under {limits}"
     if not len(table):
@@ -101,12 +103,23 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
 
 def _fleets(dataset: Dataset) -> Iterator[pd.DataFrame]:
     """The fleet on a grid, day by day; ``vehicle`` is its number."""
+    bays = read_table(dataset, "bays")
     for date in dataset.dates:
         days = [dataset.read(v, date, COLUMNS) for v in dataset.vehicles]
-        placed = [t[np.logical_and.reduce([np.isfinite(t.floats(c)) for c in PLACE])] for t in days]
+        placed = [t[_on_the_road(t, bays)] for t in days]
         rows = [_gridded(t).assign(vehicle=k) for k, t in enumerate(placed) if len(t) > 1]
         if any(map(len, rows)):
             yield pd.concat(rows, ignore_index=True)
+
+
+def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Mask:
+    """(N,) whether a place is known, and is no bay of a simulation in which the truck stands: its bays lie
+    beside the road, also where those drawn after a recording are on it."""
+    known: Mask = np.logical_and.reduce([np.isfinite(t.floats(c)) for c in PLACE])
+    stands = t.floats("speed") <= MOVING
+    for x, y in [] if bays is None else bays[["x", "y"]].to_numpy(float):
+        known &= ~(stands & (np.hypot(t.floats("x") - x, t.floats("y") - y) < IN_BAY))
+    return known
 
 
 def _gridded(t: Trajectory) -> pd.DataFrame:

@@ -183,11 +183,9 @@ def reversed_edge(edge: Edge) -> Edge:
 
 
 def build_network(
-    edges: Sequence[Edge],
-    turns: Iterable[tuple[str, str]] | None = None,
-    forbidden: Iterable[tuple[str, str]] = (),
-    has_elevation: bool | None = None,
-) -> Network:
+    edges: Sequence[Edge], turns: Iterable[tuple[str, str]] | None = None,
+    forbidden: Iterable[tuple[str, str]] = (), has_elevation: bool | None = None,
+) -> Network:  # fmt: skip
     """Edges as a :class:`Network`.
 
     edges : in any order; ids must differ.

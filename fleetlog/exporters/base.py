@@ -7,6 +7,7 @@ import itertools
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from fleetlog import interrupt
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.columns import SCHEMA
 from fleetlog.core.trajectory import Trajectory, from_arrow, to_arrow
@@ -34,6 +36,7 @@ class Selection:
     dataset: Dataset
     vehicles: tuple[str, ...]
     target: Path
+    beside: Path  # Where the second file of a format that has one is written
     counts: Counter[str] = field(default_factory=Counter)
 
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
@@ -107,6 +110,7 @@ class Exporter:
     write: Callable[[Selection, Path], dict[str, Any] | None]
     """Writes the selection to a path; gives what the summary should say beyond the counts of rows."""
     network: bool = False  # Whether it writes the road network, not the motion
+    beside: str | None = None  # Name of a second file that it writes into the same folder
 
 
 def _rows_from(begin: int, part: Path, vehicle: str, columns: Sequence[str]) -> Trajectory:
@@ -142,10 +146,14 @@ def export_dataset(
             raise DataError(f"no vehicle {vehicle!r} in {source.path}", do=nearest(vehicle, source.vehicles))
     chosen = tuple(vehicles) or tuple(source.vehicles)
     options: dict[str, Any] = {"overwrite": overwrite, "folder": False, "inputs": [source.path]}
-    with atomic_output(output, f"{to} export", **options) as scratch:
-        selection = Selection(source, chosen, output)
-        more = known[to].write(selection, scratch) or {}
-        size = scratch.stat().st_size
+    with ExitStack() as files:
+        names = [output, *([output.with_name(second)] if (second := known[to].beside) else [])]
+        scratch = [files.enter_context(atomic_output(name, f"{to} export", **options)) for name in names]
+        selection = Selection(source, chosen, output, scratch[-1])
+        more = known[to].write(selection, scratch[0]) or {}
+        size = scratch[0].stat().st_size
+        with interrupt.held():
+            files.close()
     told = {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size}
     return {**told, **selection.counts, **more}
 

@@ -2,7 +2,9 @@
 
 import math
 import re
+import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -96,27 +98,7 @@ def packed_minutes(values: Floats) -> Floats:
     return np.asarray(whole + (values - 100.0 * whole) / 60.0, dtype=np.float64)
 
 
-_SPELLINGS: dict[str, str] = {
-    "vehicle_id": "vehicle vehicleid id truck truck_id truckid device device_id deviceid agv agv_id asset "
-    "asset_id unit_id forklift forklift_id robot robot_id serial_number serialnumber vehicle_name car_id",
-    "timestamp": "time datetime date_time ts utc epoch time_stamp gps_time gpstime utc_time timestamp_utc "
-    "time_utc unix_time unixtime recorded_at created_at",
-    "latitude": "lat gps_lat gps_latitude position_lat",
-    "longitude": "lon lng long gps_lon gps_lng gps_longitude position_lon position_long",
-    "x": "pos_x position_x x_pos",
-    "y": "pos_y position_y y_pos",
-    "z": "alt altitude elev elevation ele gps_alt gps_altitude pos_z position_z",
-    "heading": "yaw theta course cog bearing track course_over_ground",
-    "speed": "velocity vehicle_speed gps_speed gpsspeed speed_over_ground sog groundspeed",
-    "payload": "load load_weight load_mass",
-    "fork_height": "lift_height mast_height forkheight",
-    "battery_power": "power pack_power",
-    "battery_voltage": "voltage volts volt pack_voltage",
-    "battery_current": "current amps amperes pack_current",
-    "soc": "state_of_charge battery_soc battery_level battery_charge battery_percentage charge_level",
-    "ambient_temperature": "ambient ambient_temp temperature temp outside_temperature outside_temp "
-    "air_temperature amb",
-}
+_SPELLINGS = tomllib.loads(Path(__file__).with_name("spellings.toml").read_text(encoding="utf-8"))
 _BY_SPELLING = {s: name for name, words in _SPELLINGS.items() for s in [name, *words.split()]}
 _BY_SPELLING.update({n: n for n in NAMES})
 _COMPASS = frozenset(["course", "cog", "bearing", "track", "course_over_ground"])

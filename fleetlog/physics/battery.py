@@ -66,12 +66,10 @@ def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) 
         raise TruckError(f"unknown chemistry {chemistry!r}", do=nearest(chemistry, CHEMISTRIES))
     shape, nominal = CHEMISTRIES[chemistry], truck.battery.voltage
     return replace(
-        shape,
-        capacity_ah=truck.battery.capacity_wh / nominal,
+        shape, capacity_ah=truck.battery.capacity_wh / nominal,
         voltage=tuple(v * nominal for v in shape.voltage),
-        resistance=truck.battery.internal_resistance if peukert == 1.0 else 0.0,
-        peukert=peukert,
-    )
+        resistance=truck.battery.internal_resistance if peukert == 1.0 else 0.0, peukert=peukert,
+    )  # fmt: skip
 
 
 class Discharge(NamedTuple):

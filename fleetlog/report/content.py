@@ -1,6 +1,8 @@
 """What stands on a page, and the house of all pages: one set of templates and one style sheet."""
 
+import tomllib
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import jinja2
@@ -11,6 +13,8 @@ from markupsafe import Markup
 from fleetlog.core.result import Result
 from fleetlog.report.facts import Facts
 from fleetlog.view.picture import Layer, Panel, svg
+
+_TABLES = Path(__file__).with_name("templates") / "tables.toml"
 
 
 @dataclass(frozen=True)
@@ -42,9 +46,11 @@ class Part:
 
 
 def table(frame: pd.DataFrame, columns: str, caption: str = "", most: int = 60) -> Table:
-    """The first rows of a frame; ``columns`` has ``heading=column`` or ``heading=column format``. A format is
-    one of Python's, ``%`` for a share, ``t`` for a local time; unknown columns are left out."""
-    specs = [(head, *f"{spec} ".split(" ")[:2]) for head, spec in (c.split("=") for c in columns.split("; "))]
+    """The first rows of a frame; ``columns``, or those of this name in ``tables.toml``, are lines of
+    ``heading=column`` or ``heading=column format``: one of Python's, ``%`` for a share, ``t`` for a local
+    time. Unknown columns are left out."""
+    lines = tomllib.loads(_TABLES.read_text(encoding="utf-8")).get(columns, columns).strip().splitlines()
+    specs = [(head, *f"{spec} ".split(" ")[:2]) for head, spec in (line.split("=") for line in lines)]
     shown = [spec for spec in specs if spec[1] in frame]
     rows = [[_cell(row[name], how) for _, name, how in shown] for row in frame.head(most).to_dict("records")]
     right = [how not in ("", "t") for _, _, how in shown]
@@ -78,13 +84,11 @@ def picture(facts: Facts, shape: Layer | Panel | None, caption: str, result: Res
     return Picture(svg(whole, facts.site, shape, salt=salt, scale=scale, zone=facts.zone), caption)
 
 
-_HOUSE = jinja2.Environment(
-    loader=jinja2.PackageLoader("fleetlog.report", "templates"), autoescape=True, trim_blocks=True,
-    lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-)  # fmt: skip
-_HOUSE.filters["drawn"] = Markup
-
-
 def render(template: str, **values: Any) -> str:
     """One self-contained HTML page; all but pictures of our own (filter ``drawn``) is escaped."""
-    return _HOUSE.get_template(template).render(**values)
+    house = jinja2.Environment(
+        loader=jinja2.PackageLoader("fleetlog.report", "templates"), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    house.filters["drawn"] = Markup
+    return house.get_template(template).render(**values)

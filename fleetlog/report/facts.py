@@ -118,9 +118,11 @@ def _ledger(facts: Facts) -> Ledger:
         out = out.drop(columns="over_s")
     if results["near_misses"].summary["near_misses"] is None:
         out = out.drop(columns="near_misses")
+    known = out["energy_h"].groupby(level="vehicle_id").transform("sum") > 0.0
+    out.loc[~known, ["used_kwh", "charged_kwh"]] = np.nan
     # A truck without a load channel shows no tasks: it does not count where tasks are counted.
     loads = out.groupby(level="vehicle_id")["driving_h"].transform("sum") == 0.0
-    powered = loads & (out.groupby(level="vehicle_id")["energy_h"].transform("sum") > 0.0)
+    powered = loads & known
     if not loads.any():
         out["tasks"] = np.nan
     out["load_hours"] = out["hours"].where(loads, 0.0)
@@ -137,7 +139,7 @@ def _states(table: pd.DataFrame) -> Ledger:
     cut = spent.quarters(table)
     hours = spent.hours_by_state(cut, cut["vehicle_id"], cut["start"].dt.floor("15min"))
     hours["hours"] = hours.drop(columns="no_data").sum(axis=1)
-    hours["moving"] = hours[[s for s in spent.STATES if s.startswith("driving")]].sum(axis=1)
+    hours["moving_h"] = hours[[s for s in spent.STATES if s.startswith("driving")]].sum(axis=1)
     return hours.rename(columns={s: f"{s}_h" for s in spent.STATES})
 
 

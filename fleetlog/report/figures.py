@@ -1,7 +1,9 @@
 """The key figures: each a sum over the ledger, or a ratio of two; of two datasets beside one another."""
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -45,35 +47,8 @@ class Figure:
         return self.factor * float(ledger[self.top].sum(min_count=1)) / under if under else float("nan")
 
 
-FIGURES = (
-    Figure("truck_hours", "Truck hours observed", "h", "hours", title=True),
-    Figure("driving_share", "Driving", "%", "moving", "hours", 100.0, title=True),
-    Figure("laden_share", "Driving with a load", "%", "driving_laden_h", "load_hours", 100.0),
-    Figure("empty_share", "Driving empty", "%", "driving_empty_h", "load_hours", 100.0),
-    Figure("handling_share", "Handling loads", "%", "handling_h", "load_hours", 100.0),
-    Figure("waiting_share", "Waiting", "%", "waiting_h", "load_hours", 100.0, title=True),
-    Figure("charging_share", "Charging", "%", "charging_h", "hours", 100.0),
-    Figure("idle_share", "Idle", "%", "idle_h", "hours", 100.0),
-    Figure("tasks", "Tasks", "", "tasks"),
-    Figure("tasks_per_hour", "Tasks per truck hour", "1/h", "tasks", "load_hours", title=True),
-    Figure("trips", "Trips", "", "trips"),
-    Figure("trips_per_hour", "Trips per truck hour", "1/h", "trips", "hours"),
-    Figure("km", "Distance", "km", "km", title=True),
-    Figure("km_per_hour", "Distance per truck hour", "km/h", "km", "hours"),
-    Figure("speed", "Mean speed while driving", "km/h", "km", "moving"),
-    Figure("kwh", "Energy used", "kWh", "used_kwh", title=True),
-    Figure("kwh_per_km", "Energy per kilometre", "kWh/km", "used_kwh", "energy_km", title=True),
-    Figure("kwh_per_task", "Energy per task", "kWh", "task_kwh", "energy_tasks"),
-    Figure("kwh_per_hour", "Energy per truck hour", "kWh/h", "used_kwh", "energy_h"),
-    Figure("charged_kwh", "Energy charged", "kWh", "charged_kwh"),
-    Figure("cost", "Energy cost", "", "cost", title=True),
-    Figure("cost_per_task", "Energy cost per task", "", "task_cost", "energy_tasks"),
-    Figure("co2_kg", "CO2", "kg", "co2_kg", title=True),
-    Figure("delay", "Delay in congestion per driving hour", "min/h", "delay_s", "moving", 1.0 / 60.0),
-    Figure("over_limit", "Driving above the speed limit", "%", "over_s", "moving", 100.0 / 3600.0),
-    Figure("near_misses", "Near misses between trucks", "", "near_misses", title=True),
-    Figure("near_misses_per_100_km", "Near misses per 100 km", "1/100 km", "near_misses", "km", 100.0),
-)
+_TABLE = tomllib.loads(Path(__file__).with_name("templates").joinpath("figures.toml").read_text("utf-8"))
+FIGURES = tuple(Figure(**row) for row in _TABLE["figure"])
 BY_NAME = {f.name: f for f in FIGURES}
 
 

@@ -11,15 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pandas.api.types import is_float_dtype
 
 from fleetlog.analysis.tariff import load_tariff
 from fleetlog.core.result import Result
 from fleetlog.core.schema import Wrong, time_zone
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import count
+from fleetlog.core.words import count, listed
 from fleetlog.errors import ArgumentError, DataError, InputError
 from fleetlog.registry import added, part
-from fleetlog.report.content import Part, render
+from fleetlog.report.content import Part, picture, render
 from fleetlog.report.diagnosis import in_short
 from fleetlog.report.facts import Facts, gather
 from fleetlog.report.figures import Row, changes, frame, page_table, rows_of
@@ -28,11 +29,13 @@ from fleetlog.store import Dataset
 from fleetlog.store.output import atomic_output
 from fleetlog.version import __version__
 from fleetlog.view.palette import scales_of
+from fleetlog.view.picture import Layer, Panel
 
 PLACES = {"speeding": "speeding", "near_misses": "near_misses", "places": "stops", "areas": "density"}
 """Tables of the report, and the result that each is of."""
 TEXT_ONLY = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
 """A text that begins with = is a text."""
+UNITS = "m, s, m/s and J, where the name of a column does not end with another unit"
 MOST_ROWS = 1_000_000  # A sheet holds no more
 
 
@@ -73,8 +76,15 @@ def report(
     scales = scales_of([shape for result in maps for shape in result.shapes])
     facts = [replace(f, scales=scales) for f in facts]
     rows = rows_of(facts)
-    lead = changes(rows, names) if len(facts) == 2 else answers(facts[0])
+    lead = [*changes(rows, names), *_known_energy(facts)] if len(facts) == 2 else answers(facts[0])
     return Report(_page(facts, rows, lead), _summary(facts, rows, lead), _tables(facts, rows), lead, zone)
+
+
+def _known_energy(facts: list[Facts]) -> list[str]:
+    """A warning where the energy of some trucks is unknown: totals are then not those of the fleets."""
+    known = [(len(f.energy_from), len(f.dataset.vehicles), f.name) for f in facts]
+    said = listed([f"{k} of {n} in {name}" for k, n, name in known if any(0 < k < n for k, n, _ in known)])
+    return [f"Energy, cost and CO2 are those of the trucks whose energy is known: {said}."] if said else []
 
 
 def _page(facts: list[Facts], rows: list[Row], lead: list[str]) -> str:
@@ -104,7 +114,7 @@ def _about(f: Facts) -> list[tuple[str, str]]:
 
 
 def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
-    """Title and a part for each dataset; at last the sentences of analyses that other packages add."""
+    """Title and a part for each dataset; at last what analyses of other packages say and draw."""
     out = []
     for title, make in SECTIONS.items():
         out.append((title, [replace(make(f), name=f.name) for f in facts]))
@@ -115,7 +125,9 @@ def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
     for f in facts:
         for result in added_results(f.dataset, f.truck):
             title = result.name.replace("_", " ").capitalize()
-            more.setdefault(title, []).append(Part(result.lines, name=f.name))
+            drawn: list[Any] = [s for s in result.shapes if isinstance(s, Layer | Panel)]
+            drawn = [picture(f, s, s.name.replace("_", " ").capitalize(), result) for s in drawn]
+            more.setdefault(title, []).append(Part(result.lines, drawn, f.name))
     return [*out, *more.items()]
 
 
@@ -158,8 +170,10 @@ def _tables(facts: list[Facts], rows: list[Row]) -> dict[str, pd.DataFrame]:
             own["trips_between_places"] = f.results["trips"].tables["pairs"]
         for name, table in own.items():
             out.setdefault(name, []).append(table.assign(dataset=f.name) if len(facts) > 1 else table)
-    figures = frame(rows, [f.name for f in facts])
-    return {"figures": figures, **{n: pd.concat(t, ignore_index=True) for n, t in out.items()}}
+    about = pd.DataFrame({f.name: dict(_about(f)) for f in facts}).rename_axis("about").reset_index()
+    about.loc[len(about)] = ["Units", *[UNITS] * len(facts)]
+    first = {"figures": frame(rows, [f.name for f in facts]), "about": about}
+    return {**first, **{n: pd.concat(t, ignore_index=True) for n, t in out.items()}}
 
 
 @contextmanager
@@ -190,4 +204,9 @@ def _write_tables(path: Path, tables: dict[str, pd.DataFrame], zone: str) -> Non
             times = rows.select_dtypes("datetimetz").columns
             local = rows.assign(**{c: rows[c].dt.tz_convert(zone).dt.tz_localize(None) for c in times})
             local.to_excel(book, sheet_name=sheet, index=False, freeze_panes=(1, 0))
-            book.sheets[sheet].autofit()
+            page, shown = book.sheets[sheet], book.book.add_format({"num_format": "#,##0.000"})
+            page.autofilter(0, 0, len(rows), len(rows.columns) - 1)
+            page.autofit()
+            for k, column in enumerate(map(str, rows)):
+                if column in times or is_float_dtype(rows[column]):
+                    page.set_column(k, k, 20 if column in times else max(len(column) + 3, 11), shown)

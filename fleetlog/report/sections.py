@@ -17,43 +17,9 @@ from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP
 
 S = TypeVar("S", Bars, Grid, EdgeValues)
-# Heading, column and format of every table.
-WORK = (
-    "truck=vehicle_id; hours=hours .2f; tasks=tasks .0f; per hour=tasks/h .1f; trips=trips .0f; "
-    "per hour=trips/h .1f; km=km .2f; per hour=km/h .2f"
-)
-FLOWS = (
-    "from=from_place; to=to_place; trips=trips .0f; mean distance [m]=distance_mean .0f; "
-    "mean duration [s]=duration_mean .0f"
-)
-ENERGY = (
-    "truck=vehicle_id; used [kWh]=used_kwh .2f; kWh/km=per_km .3f; charged [kWh]=charged_kwh .2f; "
-    "cost=cost .2f; CO2 [kg]=co2_kg .2f; from=source"
-)
 ENERGY_SUMS = ("used_kwh", "charged_kwh", "energy_km", "energy_h", "cost", "co2_kg")
-BUSY = (
-    "place=place; visits=visits .0f; trucks=vehicles .0f; median stop [s]=dwell_median .0f; "
-    "truck hours=hours .2f; x [m]=x .1f; y [m]=y .1f"
-)
-AREAS = "area=area; roads=roads; delay [s]=delay .0f; episodes=episodes .0f; trucks=vehicles .0f"
-NEAR = (
-    "time=start t; truck=vehicle_a; other truck=vehicle_b; kind=kind; TTC [s]=ttc_s .1f; PET [s]=pet_s .1f; "
-    "closing [m/s]=closing_speed .1f"
-)
-OVER = (
-    "time=start t; truck=vehicle_id; road or zone=place; duration [s]=duration .1f; "
-    "top speed [m/s]=top_speed .2f; limit [m/s]=limit .2f"
-)
 STEP = 60_000_000  # Of the curves [us]
 FEW = 8  # More curves than this are drawn as lowest, median and highest of the fleet
-CHARGE = (
-    "truck=vehicle_id; at the start=first %; lowest=lowest %; at the end=last %; times charged=visits .0f; "
-    "hours charged=hours .2f"
-)
-DATA = (
-    "truck=vehicle_id; rows=rows .0f; interval [s]=interval_s .1f; no data=silent %; on a road=on_road %; "
-    "channels=channels"
-)
 CHANNELS = {
     "speed": "speed", "payload": "load", "fork_height": "forks", "battery_power": "power",
     "soc": "state of charge", "ambient_temperature": "temperature",
@@ -81,7 +47,7 @@ def utilisation_part(f: Facts) -> Part:
     total = known.sum(axis=1)
     share = known.div(total.clip(lower=1e-9), axis=0).assign(hours=total).reset_index()
     seen = [f"{s.replace('_', ' ')}={s} %" for s in map(str, known) if (known[s] > 0.0).any()]
-    columns = "; ".join(["truck=vehicle_id", "hours=hours .2f", *seen])
+    columns = "\n".join(["truck=vehicle_id", "hours=hours .2f", *seen])
     part = Part([], [*blocks, table(share, columns, "Share of the time by truck")])
     if unknown := share.loc[share["driving"] > 0.0, "vehicle_id"].tolist():
         part.lines.append(
@@ -99,11 +65,13 @@ def work(f: Facts) -> Part:
     for name in ("tasks", "trips", "km"):
         if name in trucks:
             trucks[f"{name}/h"] = trucks[name] / trucks["hours"].where(trucks["hours"] > 0.0)
-    part = Part([], [table(trucks, WORK, "Work by truck")])
+    part = Part([], [table(trucks, "work", "Work by truck")])
     start = f.ledger.index.get_level_values("start").to_series()
     hours = f.ledger[["tasks", "hours"]].groupby(start.dt.floor("h").to_numpy()).sum(min_count=1)
     hourly = hours.loc[hours["hours"] > 0.0, "tasks"]
     if len(hourly) > 1 and hourly.notna().any():
+        # An hour of nothing ends every shift: no curve runs on through the night.
+        hourly = hourly.reindex(hourly.index.union(hourly.index + pd.Timedelta("1h")))
         x, y = pd.DatetimeIndex(hourly.index).as_unit("us").asi8, {"tasks": hourly.to_numpy(float)}
         curve = Series("tasks", x, y, "time", "tasks per hour", over_time=True, counts=True)
         part.blocks.append(picture(f, curve, "Tasks done in each hour"))
@@ -111,20 +79,19 @@ def work(f: Facts) -> Part:
         pairs = f.results["trips"].tables["pairs"]
         named = pairs[(pairs["from_place"] != "") & (pairs["to_place"] != "")]
         if len(named):
-            part.blocks.append(table(named, FLOWS, "Most frequent trips between places", most=10))
+            part.blocks.append(table(named, "flows", "Most frequent trips between places", most=10))
     return part
 
 
 def energy_part(f: Facts) -> Part:
     """Energy, cost and CO2 by truck, and by cause where a truck file is given."""
     keep = [c for c in ENERGY_SUMS if c in f.ledger]
-    trucks = f.ledger[keep].groupby(level="vehicle_id").sum().reset_index()
+    trucks = f.ledger[keep].groupby(level="vehicle_id").sum(min_count=1).reset_index()
     known = trucks["energy_h"] > 0.0
-    trucks.loc[~known, [c for c in keep if c != "energy_h"]] = np.nan
     trucks["per_km"] = trucks["used_kwh"] / trucks["energy_km"].where(trucks["energy_km"] > 0.01)
     trucks["source"] = [f.energy_from.get(v, "unknown") for v in trucks["vehicle_id"]]
     money = f" (cost in {f.currency})" if "cost" in trucks else ""
-    part = Part([], [table(trucks, ENERGY, f"Energy by truck{money}")])
+    part = Part([], [table(trucks, "energy", f"Energy by truck{money}")])
     if not known.all():
         part.lines.append(
             f"The energy of {listed(trucks.loc[~known, 'vehicle_id'].tolist())} is unknown: the log has no "
@@ -158,7 +125,7 @@ def places(f: Facts) -> Part:
         busiest = result.places["places"].sort_values("dwell_total", ascending=False, kind="stable")
         busiest = busiest.assign(hours=busiest["dwell_total"] / 3600.0)
         if len(busiest):
-            part.blocks.append(table(busiest, BUSY, "Busiest places", most=10))
+            part.blocks.append(table(busiest, "busy", "Busiest places", most=10))
             part.blocks.append(picture(f, None, "Places where trucks stop; the larger, the longer", result))
         else:
             part.lines.append("No place was visited three times or more.")
@@ -175,9 +142,9 @@ def congestion(f: Facts) -> Part:
     delay = f"{number(s['delay_s'])} s of delay in all"
     part = Part([f"{count(s['episodes'], 'episode')} of congestion, {delay}."])
     if areas is not None:
-        part.blocks.append(table(areas, AREAS, "Where trucks lose most time", most=8))
+        part.blocks.append(table(areas, "areas", "Where trucks lose most time", most=8))
         marks = [m for m in result.shapes if isinstance(m, Marks)]
-        caption = "Delay in congestion, with the areas that it adds up to"
+        caption = "Delay in congestion; rings: the areas with most of it"
         for layer in shapes(f, "density", EdgeValues):
             part.blocks.append(picture(f, layer, caption, Result("density", {}, shapes=[layer, *marks])))
     return part
@@ -190,8 +157,8 @@ def safety(f: Facts) -> Part:
     near = near.assign(worst=near[["ttc_s", "pet_s"]].min(axis=1)).sort_values("worst")
     words = " (TTC: time to collision, PET: post-encroachment time)"
     for name, found, caption, key, heads in (
-        ("near_misses", near, "Near misses, the closest first", words, NEAR),
-        ("speeding", over, "Longest drives above the limit", "", OVER),
+        ("near_misses", near, "Near misses, the closest first", words, "near"),
+        ("speeding", over, "Longest drives above the limit", "", "over"),
     ):
         part.lines += f.results[name].lines
         if len(found):
@@ -219,7 +186,7 @@ def charge(f: Facts) -> Part:
     course = Series("state of charge", x, curves, "time", "state of charge [%]", over_time=True)
     return Part(
         [f"Lowest state of charge: {100.0 * trucks['lowest'].min():.0f} %."],
-        [picture(f, course, "State of charge"), table(trucks, CHARGE, "State of charge by truck")],
+        [picture(f, course, "State of charge"), table(trucks, "charge", "State of charge by truck")],
     )
 
 
@@ -251,7 +218,7 @@ def data_quality(f: Facts) -> Part:
             "silent": steps[steps > MAX_GAP].sum() / max(steps.sum(), 1e-9),
             "channels": ", ".join(word for c, word in CHANNELS.items() if c in has) or "position only",
         })  # fmt: skip
-    return Part(_imported(f.dataset), [table(pd.DataFrame(trucks), DATA, "Data by truck")])
+    return Part(_imported(f.dataset), [table(pd.DataFrame(trucks), "data", "Data by truck")])
 
 
 def _imported(dataset: Dataset) -> list[str]:
@@ -293,7 +260,9 @@ def answers(f: Facts) -> list[str]:
             f"and drove {of('km')} km."
         )
     if values["kwh"] > 0.0:
-        out.append(f"The fleet used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre.")
+        k, n = len(f.energy_from), len(f.dataset.vehicles)
+        who = "The fleet" if k == n else f"{k} of {trucks} (the energy of the others is unknown)"
+        out.append(f"{who} used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre.")
         told = {"cost": f"cost {of('cost')} {f.currency}", "co2_kg": f"emitted {of('co2_kg')} kg of CO2"}
         if any(values[name] > 0.0 for name in told):
             out.append(f"That {listed([said for name, said in told.items() if values[name] > 0.0])}.")

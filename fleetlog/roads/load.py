@@ -121,16 +121,14 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     data = schema.table(schema.load_toml(path, SiteError), TOP, path, "", error=SiteError)
     power = schema.table(data.get("power", {}), POWER, path, "power", error=SiteError)
     site = Site(
-        data.get("name", path.parent.resolve().name),
-        _frame(data, path),
+        data.get("name", path.parent.resolve().name), _frame(data, path),
         places=tuple(Place(**row) for row in _rows(data, "place", path)),
         zones=tuple(Zone(**row) for row in _rows(data, "zone", path)),
         buildings=tuple(Building(**row) for row in _rows(data, "building", path)),
         breaks=tuple((row["from"], row["until"]) for row in _rows(data, "break", path)),
-        power_limit=power.get("limit", math.inf),
-        map_frames=map_frames(data, path, SiteError),
+        power_limit=power.get("limit", math.inf), map_frames=map_frames(data, path, SiteError),
         source={"site": {"file": path.name, "sha256": sha256(path)}},
-    )
+    )  # fmt: skip
     if "network" not in data:
         return site, []
     settings = schema.table(data["network"], NETWORK, path, "network", ("file",), SiteError)

@@ -199,9 +199,11 @@ class VehicleReplay:
         }  # fmt: skip
 
     def _emit(self, trip: Trip, rows: Floats, at: Motion, power: Floats, soc: Floats) -> None:
+        # Loads and forks are those of the recording: what it does not know is not known here.
+        own = {name: getattr(at, name) for name in ("payload", "fork_height") if self.recorded.has(name)}
         columns = rounded({
-            "x": at.x, "y": at.y, "heading": at.heading, "speed": at.speed, "payload": at.payload,
-            "fork_height": at.fork_height, "battery_power": power, "soc": soc,
+            "x": at.x, "y": at.y, "heading": at.heading, "speed": at.speed, "battery_power": power,
+            "soc": soc, **own,
         })  # fmt: skip
         columns["trip_id"] = np.full(len(rows), trip.number, np.int64)
         if np.isfinite(at.ambient_temperature).any():

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 REMAKE = "make the dataset again"
 DESCRIPTION = {"kind": str, "site": dict, "vehicles": dict, "rows": int, "columns": dict, "provenance": dict}
 """Keys of ``dataset.json`` that everything relies on, and what they are."""
+ALONE = "every truck was simulated by itself, in nobody's way"
+"""Why a mission driven again says nothing of traffic."""
 
 
 class Dataset:
@@ -61,6 +63,12 @@ class Dataset:
     def kind(self) -> str:
         """``recorded`` or ``simulated``."""
         return str(self.meta["kind"])
+
+    @property
+    def alone(self) -> bool:
+        """Whether each truck drove by itself: a mission driven again, and not ``together``."""
+        summary = self.meta.get("summary") or {}
+        return "distance_ratio" in summary and "lost_share" not in summary
 
     @property
     def rows(self) -> int:

@@ -18,9 +18,10 @@ from typing import Any
 from fleetlog import interrupt
 from fleetlog.errors import OutputError
 from fleetlog.store.documents import digest, write_json
+from fleetlog.version import __version__
 
 MARK = ".fleetlog"
-"""In a folder: its kind and the names written into it.  ``.NAME.fleetlog`` beside a file: kind and digest."""
+"""In a folder: its kind, the version, the names in it.  ``.NAME.fleetlog`` beside a file: kind, digest."""
 PARTIALS = ".partials"  # In a dataset: partial results of questions asked of it
 REMADE = frozenset({MARK, "recording.rrd", ".recording.rrd.partial", PARTIALS})
 """Names in an output that fleetlog may add later."""
@@ -163,7 +164,7 @@ def _mark(new: Path, kind: str, target: Path) -> Path | None:
     """Mark the new output; a file's mark is returned, to be put beside it. It names the older file too, so
     that both are known at every instant."""
     if new.is_dir():
-        write_json(new / MARK, {"kind": kind, "names": sorted(_names(new))})
+        write_json(new / MARK, {"kind": kind, "version": __version__, "names": sorted(_names(new))})
         return None
     mark = new.with_name("mark")
     write_json(mark, {"kind": kind, "sha256": [digest(p) for p in (new, target) if p.is_file()]})

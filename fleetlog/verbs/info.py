@@ -100,11 +100,12 @@ def describe(path: Path) -> Figures:
 
 def _output(path: Path) -> Figures:
     """A folder of results: what it is, its files, and the figures of its summary."""
-    kind = str(json.loads((path / MARK).read_text(encoding="utf-8"))["kind"])
+    mark = json.loads((path / MARK).read_text(encoding="utf-8"))
     names = sorted(p.name for p in path.iterdir() if not p.name.startswith("."))
     document = next((path / n for n in names if n.endswith(".json") and (path / n).is_file()), None)
     figures = {} if document is None else json.loads(document.read_text(encoding="utf-8"))
-    return {"kind": kind, "path": str(path), "files": names, "summary": figures}
+    made = {"kind": str(mark["kind"]), "path": str(path), "version": str(mark.get("version", "unknown"))}
+    return {**made, "files": names, "summary": figures}
 
 
 def _log_or_map(path: Path) -> Figures:

@@ -16,6 +16,7 @@ FIELD_OF_VIEW = np.radians(55.0)  # Of the viewer's eye, in height
 ASPECT = 1.9  # Width by height of a view of the floor in a window of 16:9
 LONG, WINDOW = 900.0, (-240.0, 60.0)
 """From what duration on plots show a window only, and from where to where about the cursor [s]."""
+PLOT, LEGEND, LETTER = 583.0, 58.0, 5.4  # Width of a plot, a legend without its words, a letter [points]
 CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "State of charge [%]"}
 TRAIL = 40.0  # Of the way behind a truck so much is shown [s]
 NO_LEGEND = "Open tasks (dark: being fetched, light: on the forks)"
@@ -34,6 +35,7 @@ class Screen:
     signals: set[str] = field(default_factory=set)
     trails: list[str] = field(default_factory=list)
     legend: bool = True
+    names: tuple[str, ...] = ()  # In the legend
     lanes: int = 0  # Trucks that have a lane of their states
     start: int | None = None
     duration: float = 0.0
@@ -93,11 +95,16 @@ def floor_view(
     )  # fmt: skip
 
 
-def time_of(screen: Screen, slow: bool) -> dict[str, Any]:
-    """Options of a plot: all time of a slow signal or short recording, else a window: it reads no more."""
+def time_of(screen: Screen, slow: bool, names: Sequence[str] = ()) -> dict[str, Any]:
+    """Options of a plot: all time of a slow signal or short recording, else a window: it reads no more.
+    The viewer draws the legend on the curves: the time begins earlier to make room for that of ``names``."""
     if slow or screen.duration <= LONG:
-        ever = rrb.TimeRangeBoundary.infinite()
-        return {"axis_x": rrb.TimeAxis(view_range=rr.TimeRange(start=ever, end=ever))}
+        start = end = rrb.TimeRangeBoundary.infinite()
+        if names and screen.start is not None and screen.timeline == TIMELINE:
+            share, first = (LEGEND + LETTER * max(map(len, names))) / PLOT, screen.start * 1e-6
+            edges = first - share / (1.0 - share) * screen.duration, first + screen.duration
+            start, end = (rrb.TimeRangeBoundary.absolute(seconds=edge) for edge in edges)
+        return {"axis_x": rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))}
     before, after = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in WINDOW)
     axis = rrb.TimeAxis(view_range=rr.TimeRange(start=before, end=after))
     return {"axis_x": axis, "time_ranges": ranges(screen, *WINDOW)}
@@ -118,7 +125,7 @@ def curve_views(screen: Screen) -> list[Any]:
         plot(
             title, screen.paths(signal), screen.legend and signal == told, rrb.Corner2D.LeftBottom,
             axis_y=rrb.ScalarAxis(range=(0.0, 104.0)) if signal == "soc" else None,
-            **time_of(screen, slow=signal == "soc"),
+            **time_of(screen, signal == "soc", screen.names if screen.legend and signal == told else ()),
         )
         for signal, title in CURVE_NAMES.items()
         if signal in screen.signals

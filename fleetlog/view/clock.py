@@ -90,8 +90,13 @@ def clock_of(dataset: Dataset) -> Clock | None:
     if dataset.kind != "recorded":
         return None
     days = [np.unique(t.time // MINUTE) for t in dataset.days(())]
-    minutes = np.unique(np.concatenate([np.zeros(0, np.int64), *days]))
-    later = np.flatnonzero(np.diff(minutes) > QUIET)
+    return skipping(np.unique(np.concatenate([np.zeros(0, np.int64), *days])))
+
+
+def skipping(minutes: Ints) -> Clock | None:
+    """The clock that skips what is between minutes with data ((N,) in order); None where that is nothing."""
+    steps = np.diff(minutes)
+    later = np.flatnonzero(steps > max(QUIET, 2.0 * float(np.median(steps)))) if len(steps) else steps
     if not len(later):
         return None
     starts, ends = minutes[np.append(0, later + 1)], minutes[np.append(later, len(minutes) - 1)] + 1

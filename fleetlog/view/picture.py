@@ -163,7 +163,8 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
     else:
         for i, (name, y) in enumerate(zip(names, values, strict=True)):
             mark = "." if len(x) <= FEW else ""
-            axes.plot(x, y, marker=mark, ls="-", lw=1.1, color=palette.paper_colour(name, i), label=name)
+            look: Any = {"color": palette.paper_colour(name, i), "clip_on": not mark, "label": name}
+            axes.plot(x, y, marker=mark, ls="-", lw=1.1, **look)
     axes.set_title(series.name.replace("_", " "))
     axes.set_xlabel(f"time ({zone.replace('_', ' ')})" if series.over_time else series.x_label)
     axes.set_ylabel(series.y_label)

@@ -88,6 +88,7 @@ def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet) -> None:
         screen.trails.append(entity(prefix, "trail", "fleet"))
         screen.signals |= set() if known is None else events.log_many(stream, known, prefix, fleet.name)
         return
+    screen.names = tuple(f"{lane.vehicle} {fleet.name}".strip() for lane in lanes)
     screen.legend = len(lanes) <= LONG_LEGEND // len(screen.prefixes) ** 2
     for lane in lanes:
         signals: set[str] = set()

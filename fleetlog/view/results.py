@@ -7,11 +7,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Ints
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
 from fleetlog.view import blueprint, clock, palette, ribbons
-from fleetlog.view.clock import Extent, around, shapes_outline
+from fleetlog.view.clock import MINUTE, SKIPPED, Extent, around, shapes_outline, skipping
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
 from fleetlog.view.palette import Scale, scales_of, screen_colours
 from fleetlog.view.ribbons import mesh3d
@@ -30,17 +30,26 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
     """The shapes of a result as an .rrd file, whole or not at all; bars and curves not over time in words."""
     outline = shapes_outline(result, site)
     extent = around(outline)
+    times = np.concatenate([np.zeros(0, np.int64), *_times(result)])
+    clock = skipping(np.unique(times // MINUTE))
     with open_stream(Path(out_rrd), f"{site.name}, {result.name}") as stream:
+        stream.clock = clock
         log_site(stream, site)
         scales = scales_of(result.shapes)
         texts = [_log_shape(stream, site, shape, extent, scales) for shape in result.shapes]
-        answer = "\n".join(f"- {verbatim(line)}" for line in result.lines)
+        periods = [] if clock is None else clock.lines()
+        answer = "\n".join(f"- {line}" for line in [*map(verbatim, result.lines), *periods])
         text = "\n\n".join([f"### {_title(result.name)}", answer, *dict.fromkeys(t for t in texts if t)])
         stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-        if not _times(result):
+        if not len(times):
             # A view of a recording without any time stays on "static"; one instant makes the timeline.
             stream.rows("/result/instant", np.zeros(1, np.int64), rr.Scalars, scalars=[0.0])
-        blueprint.send(stream, _screen(result, outline))
+        screen = blueprint.Screen(outline, ())
+        if len(times):
+            screen.start, screen.duration = int(times.min()), float(np.ptp(times)) * 1e-6
+        if clock is not None:
+            screen.timeline, screen.duration = SKIPPED, clock.seconds
+        blueprint.send(stream, _layout(result, screen))
     return Path(out_rrd)
 
 
@@ -185,15 +194,13 @@ def _times(result: Result) -> list[Ints]:
     return [*moving, *(np.asarray(s.x) for s in _curves(result))]
 
 
-def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
+def _layout(result: Result, screen: blueprint.Screen) -> rrb.Blueprint:
     """One plan a map; beside them the curves and the answer."""
+    outline = screen.outline
     maps: list[Any] = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS] or [None]
     if maps[0] is not None:
         x0, y0, x1, _ = around(outline)
-        outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
-    known = [t for t in _times(result) if len(t)]
-    duration = float(max(t[-1] for t in known) - min(t[0] for t in known)) * 1e-6 if known else 0.0
-    screen = blueprint.Screen(outline, (), duration=duration)
+        screen.outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
 
     def view(layer: Grid | EdgeValues | None, name: str, plan: bool, *hidden: str) -> Any:
         """One map with all marks but those of another one; heat takes the place of the roads' surface."""
@@ -213,7 +220,7 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
         blueprint.plot(
             f"{_title(s.name)} [{s.y_label[s.y_label.find('[') + 1 :].rstrip(']')}]",
             [f"{entity('curves', s.name)}/**"], 1 < len(s.y) <= 8, rrb.Corner2D.LeftTop,
-            **blueprint.time_of(screen, slow=True),
+            **blueprint.time_of(screen, slow=True, names=tuple(s.y) if 1 < len(s.y) <= 8 else ()),
         )
         for s in _curves(result)[:3]
     ]  # fmt: skip

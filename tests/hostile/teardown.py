@@ -36,6 +36,8 @@ ENV = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "FLEETLOG_
 FORMATS = ("csv", "geojson", "gpx", "kitti", "mcap", "parquet", "sumo-fcd", "sumo-net", "tum")
 ONE = {"kitti": ["--vehicle", "T1"], "tum": ["--vehicle", "T1"]}
 """Formats of one vehicle."""
+WHERE = {"kitti": "OUT.d/poses.kitti"}
+"""Poses have times.txt beside them, in a folder of their own."""
 LIMIT = 900.0
 """Longest a run may take [s]; one that takes longer hangs."""
 
@@ -54,7 +56,7 @@ VERBS: dict[str, list[str]] = {
     "diagnose": ["diagnose", "recorded", "--truck", TRUCK, *POWER, "-o", "OUT"],
     "against": ["diagnose", "recorded", "--truck", TRUCK, "--against", "simulated", *POWER, "-o", "OUT"],
     **{
-        f"export-{kind}": ["export", "recorded", "--to", kind, *ONE.get(kind, []), "-o", f"OUT.{kind}"]
+        f"export-{kind}": ["export", "recorded", "--to", kind, *ONE.get(kind, []), "-o", WHERE.get(kind, f"OUT.{kind}")]
         for kind in FORMATS
     },
     "tasks": ["simulate", "--site", SITE, "--truck", TRUCK, "--tasks", "tasks.csv", "--vehicles", "2", "--duration", "60s", "-o", "OUT"],
@@ -386,7 +388,9 @@ def mounted(folder: Path, options: str) -> Iterator[None]:
 
 
 def remove(target: Path) -> None:
-    """Take an output away, and its mark."""
+    """Take an output away, and its mark; that of KITTI poses has their times beside it."""
+    if target.suffix == ".kitti":
+        remove(target.with_name("times.txt"))
     if target.is_dir():
         shutil.rmtree(target)
     target.with_name(f".{target.name}.fleetlog").unlink(missing_ok=True)

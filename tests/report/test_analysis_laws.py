@@ -147,13 +147,27 @@ def test_rows_seconds_apart_tell_no_near_miss(write) -> None:
         b = straight("B", (0.0, -21.8), (0.0, 2.0), 24.0, dt)
         found = near_misses(write([a, b], name=f"every {dt}"))
         assert found.summary["near_misses"] == told
-    assert found.lines == ["Near misses cannot be told: that takes two trucks with rows every 2.5 s or less."]
+    assert found.lines == ["Near misses are unknown: they need two trucks with rows every 2.5 s or less."]
 
 
 def test_trucks_far_apart_in_time_or_place_do_not_meet(write) -> None:
     assert not len(near_misses(write(crossing(8.0))).places["near_misses"])
     parallel = [straight("A", (0, 0), (2.0, 0), 20.0), straight("B", (40, 2.5), (-2.0, 0), 20.0)]
     assert not len(near_misses(write(parallel, name="e")).places["near_misses"])
+
+
+def test_a_truck_in_a_bay_of_a_simulation_is_beside_the_road(write) -> None:
+    """After a recording the simulator draws bays where trucks stood, on the road: others pass beside them."""
+    passing, standing = (
+        straight("A", (-20, 0), (2.0, 0), 20.0),
+        rows("B", range(21), x=0, y=0, heading=0, speed=0),
+    )
+    d = write([passing, standing])
+    assert near_misses(d).places["near_misses"].kind.tolist() == ["behind"]
+    for x, left in ((0.0, 0), (3.0, 1)):
+        pd.DataFrame({"place": ["p"], "x": [x], "y": [0.0]}).to_parquet(d.path / "bays.parquet")
+        d.meta["tables"] = {"bays": {"file": "bays.parquet"}}
+        assert len(near_misses(d).places["near_misses"]) == left
 
 
 @pytest.mark.parametrize(

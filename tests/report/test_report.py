@@ -18,6 +18,7 @@ from drawn_trucks import crossing, random_truck, straight
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fleetlog
 from fleetlog import report
 from fleetlog.cli.main import cli
 from fleetlog.core.site import Frame, Place, Site, Zone
@@ -159,7 +160,9 @@ def test_hours_without_rows_are_not_hours_without_tasks(write, monkeypatch) -> N
         straight("A", (0, 0), (1.0, 0), 1800.0, 5.0, begin=day * 86_400.0, payload=0.0) for day in range(3)
     ]
     sections.work(gather(Facts("d", write(shifts), "UTC")))
-    assert drawn[0].counts and len(drawn[0].x) == 3 and (np.diff(drawn[0].x) == 86_400_000_000).all()
+    known = np.isfinite(drawn[0].y["tasks"])
+    assert drawn[0].counts and known.sum() == 3 and (np.diff(drawn[0].x[known]) == 86_400_000_000).all()
+    assert not (known[1:] & known[:-1]).any()  # no curve from day to day
 
 
 def run(*arguments: object):
@@ -187,6 +190,7 @@ def test_page_and_tables_are_written_both_or_neither(write, tmp_path: Path) -> N
     assert not (tmp_path / "s.html").exists()
     assert run(d.path, "-o", page, "--overwrite", "--tables", book, "-q")[0] == 0
     assert {p.name for p in tmp_path.iterdir()} >= {"r.html", "r.xlsx", "tables"}
+    assert fleetlog.info(folder).summary["version"] == fleetlog.__version__
 
 
 def test_a_text_that_begins_with_equals_is_no_formula(write, tmp_path: Path) -> None:
@@ -197,6 +201,38 @@ def test_a_text_that_begins_with_equals_is_no_formula(write, tmp_path: Path) -> 
         sheets = [parts.read(n).decode() for n in parts.namelist() if "worksheets/sheet" in n]
         assert b"=1+1" in parts.read("xl/sharedStrings.xml")
     assert sheets and not any("<f>" in s for s in sheets)
+
+
+def test_a_workbook_says_what_it_is_of_and_shows_its_times(write, tmp_path: Path) -> None:
+    book = tmp_path / "t.xlsx"
+    assert run(fleet(write).path, "-o", tmp_path / "r.html", "--tables", book)[0] == 0
+    with ZipFile(book) as parts:
+        names = re.findall(r'<sheet name="(\w+)"', parts.read("xl/workbook.xml").decode())
+        texts = parts.read("xl/sharedStrings.xml").decode()
+        states = parts.read(f"xl/worksheets/sheet{names.index('states') + 1}.xml").decode()
+    assert {"Dataset", "Period", "Made by", "Units"} <= set(re.findall("<t>([^<]*)</t>", texts))
+    widths = [float(w) for w in re.findall(r'<col [^>]*width="([\d.]+)"', states)]
+    assert widths[-1] > 19 and "<autoFilter" in states  # a time of 19 letters is no row of ####
+
+
+def test_energy_of_some_trucks_is_not_called_that_of_the_fleet(write) -> None:
+    power = {"battery_power": 2000.0}
+    alike = [straight(v, (0, 9.0 * k), (1.5, 0), 600.0, **power) for k, v in enumerate("ABC")]
+    some, every = (
+        write([*alike, straight("D", (0, 40), (1.5, 0), 600.0)], name="some"),
+        write(alike, name="every"),
+    )
+    ledger = report(some).tables["ledger"].groupby("vehicle_id")["used_kwh"].sum(min_count=1)
+    assert ledger[["A", "B", "C"]].gt(0.0).all() and np.isnan(ledger["D"])
+    none = report(write([straight("D", (0, 0), (1.5, 0), 600.0)], name="none")).summary["datasets"][0][
+        "figures"
+    ]
+    assert not {"kwh", "charged_kwh"} & set(none)
+    assert "3 of 4 trucks (the energy of the others is unknown) used" in " ".join(report(some).lines)
+    assert any(line.startswith("The fleet used") for line in report(every).lines)
+    both = [line for line in report([some, every]).lines if "energy is known" in line]
+    assert len(both) == 1 and "3 of 4 in" in both[0] and "3 of 3 in" in both[0]
+    assert not [line for line in report([every, every]).lines if "energy is known" in line]
 
 
 @pytest.mark.parametrize(

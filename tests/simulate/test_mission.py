@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from simulated_sites import PLACES, TRUCK, grid
 
+import fleetlog
+from fleetlog.analysis.density import density
+from fleetlog.analysis.near_misses import near_misses
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.errors import DataError
 from fleetlog.simulate.demand import carried, like
 from fleetlog.simulate.mission import replay
 from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table
@@ -33,6 +37,33 @@ def test_the_same_mission_is_comparable_trip_by_trip(recording, tmp_path):
         t = again.read(vehicle)
         assert (np.diff(t.time) > 0).all()
         assert (t.floats("speed") <= 3.0 + 1e-6).all()
+
+
+def test_a_mission_driven_again_invents_no_load_and_no_traffic(recording, tmp_path):
+    data = recording.dataset
+    with DatasetWriter.create(tmp_path / "log", "recorded", data.site) as writer:
+        for vehicle in data.vehicles:
+            t, left_out = (
+                data.read(vehicle),
+                ("payload", "fork_height") if vehicle == data.vehicles[0] else (),
+            )
+            writer.write(
+                Trajectory(vehicle, t.time, {k: v for k, v in t.columns.items() if k not in left_out})
+            )
+    alone, together = (
+        fleetlog.simulate(
+            like=tmp_path / "log", truck=TRUCK, same_mission=True, together=way, recording=False
+        ).dataset
+        for way in (False, True)
+    )
+    for again in (alone, together):
+        loads = [again.read(vehicle, None, ["payload"]).has("payload") for vehicle in again.vehicles]
+        assert loads == [False, True, True]
+    assert near_misses(alone).summary["near_misses"] is None
+    assert near_misses(together).summary["near_misses"] is not None
+    with pytest.raises(DataError, match="by itself"):
+        density(alone)
+    assert density(together).summary["hours"] > 0.0
 
 
 def test_mined_places_are_where_the_trucks_stood(recording):

@@ -11,12 +11,14 @@ from fixtures_view import START, drive, plant, write_fleet
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fleetlog.core.result import Result, Series
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import InputError
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.view.clock import MINUTE, SKIPPED, Clock, clock_of
 from fleetlog.view.picture import _over_time
 from fleetlog.view.recording import write_recording
+from fleetlog.view.results import write_result_recording
 from fleetlog.view.viewer import describe_recording
 
 DAY = 86_400_000_000
@@ -73,6 +75,17 @@ def test_an_unbroken_log_has_the_timeline_of_the_clock_alone(tmp_path: Path) -> 
     assert clock_of(Dataset(path)) is None
     out = write_recording(path, tmp_path / "r.rrd")
     assert describe_recording(out)["recordings"][0]["timelines"] == ["utc"]
+
+
+@pytest.mark.parametrize(("step", "silent"), [(MINUTE, True), (60 * MINUTE, False)])
+def test_the_recording_of_an_analysis_skips_silences(tmp_path: Path, step: int, silent: bool) -> None:
+    """But no steps between the values of a curve: every one would be a period of its own."""
+    x = START + np.concatenate([np.arange(20) * step, np.arange(20) * step + 20 * 60 * MINUTE + DAY * silent])
+    curve = Series("power", x, {"a": np.ones(40)}, "time", "power [kW]", over_time=True)
+    out = write_result_recording(Result("energy", {}, shapes=[curve]), plant(), tmp_path / "r.rrd")
+    assert describe_recording(out)["recordings"][0]["timelines"] == [SKIPPED] * silent + ["utc"]
+    utc, _ = rrd.column(out, "/curves/power/a", "Scalars:scalars")
+    assert {utc[0], utc[-1]} == {x[0], x[-1]}
 
 
 @pytest.mark.parametrize(("points", "step"), [(2, MINUTE), (3, MINUTE), (30, MINUTE), (8, 60 * MINUTE)])

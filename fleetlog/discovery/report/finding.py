@@ -117,13 +117,10 @@ class Verdict:
     def document(self) -> dict[str, Any]:
         """The contract's diagnosis.json."""
         return {
-            "format_version": 2,
-            "verdict": self.word,
-            "channels": [asdict(c) for c in self.channels],
+            "format_version": 2, "verdict": self.word, "channels": [asdict(c) for c in self.channels],
             "findings": [asdict(f, dict_factory=_written) for f in self.findings],
-            "adjustments": self.adjustments,
-            "notes": self.notes,
-        }
+            "adjustments": self.adjustments, "notes": self.notes,
+        }  # fmt: skip
 
 
 def _written(values: list[tuple[str, Any]]) -> dict[str, Any]:

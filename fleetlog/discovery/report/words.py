@@ -12,11 +12,11 @@ from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
 VARIABLES = {
-    "x": "place", "y": "", "heading": "direction of travel", "ambient_temperature": "ambient temperature",
+    "x": "the place", "y": "", "heading": "direction of travel", "ambient_temperature": "ambient temperature",
     "soc": "state of charge", "time": "time of day", "time since start": "time since the start of the day",
     "payload": "payload", "speed": "speed", "acceleration": "acceleration", "curvature": "curvature",
-    "lift_speed": "lifting speed", "fork_height": "fork height", "vehicle_id": "truck", "day": "day",
-    "trip_id": "trip", "standing": "standing", "battery_power": "battery power",
+    "lift_speed": "lifting speed", "fork_height": "fork height", "vehicle_id": "the truck", "day": "the day",
+    "trip_id": "the trip", "standing": "standing", "battery_power": "battery power",
 }  # fmt: skip
 
 
@@ -109,5 +109,5 @@ def needs(term: str | None, others: Sequence[str]) -> str | None:
     if not others and term:
         return None
     if not named:
-        return "record a fleet that varies this more, or add a term of your own"
+        return "record trips in which this varies more, or add a term of your own"
     return "; ".join(dict.fromkeys(known[n].needs for n in named))

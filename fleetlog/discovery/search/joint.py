@@ -111,12 +111,9 @@ def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
 
 
 def refit(
-    problem: Problem,
-    model: Model,
-    chosen: Sequence[Hypothesis],
-    steps: int = MOST_STEPS,
+    problem: Problem, model: Model, chosen: Sequence[Hypothesis], steps: int = MOST_STEPS,
     known: Sums | None = None,
-) -> Joint:
+) -> Joint:  # fmt: skip
     """Fit a set of hypotheses exactly: the columns are taken anew about the model until it settles. ``known``
     are products about ``model``, which serve the first step if they hold all columns of the hypotheses."""
     joint = None

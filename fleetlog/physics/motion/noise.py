@@ -96,6 +96,9 @@ def estimate_noise(observed: Observed, start: Noise, mean_over: float = 0.0) -> 
     if np.isfinite(sample.speed).mean() > 0.9 and np.median(np.diff(sample.t)) < SELDOM:
         noise, bounds = replace(noise, position=PATH), {**BOUNDS, "position": (PATH, BOUNDS["position"][1])}
 
+    def stepped(name: str, factor: float) -> Noise:
+        return replace(noise, **{name: float(np.clip(getattr(noise, name) * factor, *bounds[name]))})
+
     def likelihood(of: Noise) -> float:
         return _filtered(sample, of, np.full(len(sample.t), of.jerk), 0)[0]
 
@@ -104,17 +107,13 @@ def estimate_noise(observed: Observed, start: Noise, mean_over: float = 0.0) -> 
         for _ in range(4):
             before = best
             for name, step in product(names, (factor, 1.0 / factor)):
-                while (trial := _stepped(noise, name, step, bounds)) != noise:
+                while (trial := stepped(name, step)) != noise:
                     if not (new := likelihood(trial)) > best:
                         break
                     best, noise = new, trial
             if best <= before + 1e-6:
                 break
     return noise
-
-
-def _stepped(noise: Noise, name: str, factor: float, bounds: dict[str, tuple[float, float]]) -> Noise:
-    return replace(noise, **{name: float(np.clip(getattr(noise, name) * factor, *bounds[name]))})
 
 
 def speed_noise(o: Observed) -> float:
