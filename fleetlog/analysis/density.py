@@ -25,6 +25,7 @@ from fleetlog.store.trips import STANDING_SPEED
 HOUR = 3_600_000_000
 HOURS = 2  # Of a day that one job looks at
 ROW_COST = 2e-6
+SILENCE = 60_000_000  # Without a row of any truck nothing is watched [us]; pauses of a log are shorter
 OF_TRIP = ("vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end")
 BIN_SPEED, SPEEDS = 0.005, 1 << 16  # Speeds are counted in steps of this [m/s]; how many steps there are
 
@@ -53,7 +54,8 @@ def density(
     rule = Rule(threshold, speed, round(step * 1e6), include_standing)
     first, last = (us(str(dataset.meta[k]).rstrip("Z")) for k in ("start", "end"))
     # The time grid counts from 1970: no added day shifts it.
-    watched = Watched(tuple(dataset.vehicles), first // rule.step * rule.step, last + 1, rule.step)
+    first, quiet = first // rule.step * rule.step, _silent(dataset)
+    watched = Watched(tuple(dataset.vehicles), first, last + 1, rule.step, quiet)
     parts = list(_hours(dataset, watched))
     pieces = list(each_part(dataset, parts, find_crowds, rule, kinds=(Crowds,), cost=ROW_COST))
     clusters = together(pieces, watched.vehicles)
@@ -84,6 +86,16 @@ def density(
     places = {"areas": areas} if len(areas) else {}
     shapes = _shapes(network, watched, clusters, areas, rows, over_time)
     return Result("density", summary, tables, places, shapes, _lines(summary, areas))
+
+
+def _silent(dataset: Dataset) -> int:
+    """Time within a recording in which no truck was recorded, by trips, between shifts [us]."""
+    trips = dataset.trips.sort_values("start")
+    start, end = (
+        trips[k].astype("datetime64[us, UTC]").astype(np.int64).to_numpy() for k in ("start", "end")
+    )
+    gap = start[1:] - np.maximum.accumulate(end)[:-1]
+    return int(gap[gap > SILENCE].sum())
 
 
 def us(time: str) -> int:

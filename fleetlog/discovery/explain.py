@@ -186,11 +186,9 @@ def _where(
         return fields.told(problem.channel.cells(term), values[term.name], term, h)
     out = [numbers[k] for k in h.knobs if k in numbers]
     for knob in h.shapes:
-        p, value = knob.definition, found.joint.model.value(knob)
+        p, now = knob.definition, found.joint.model.value(knob)
         half = 0.5 * scanned(p)
-        out.append(
-            Parameter(p.name, value, max(value - half, p.low), min(value + half, p.high), p.unit, p.neutral)
-        )
+        out.append(Parameter(p.name, now, max(now - half, p.low), min(now + half, p.high), p.unit, p.neutral))
     for n in [numbers[k] for k in h.knobs if k.definition.added and k in numbers]:
         value, low, high = (v - n.nominal for v in (n.value, n.low, n.high))
         out.append(Parameter(f"added_{n.name}", value, low, high, n.unit))

@@ -131,12 +131,10 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     )  # fmt: skip
     if "network" not in data:
         return site, []
-    settings = schema.table(data["network"], NETWORK, path, "network", ("file",), SiteError)
-    lanes, classes = (
-        frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes")
-    )
-    options = MapOptions(settings.get("traffic"), lanes, classes, site.map_frames)
-    return _with_map(site, _map_file(settings["file"], path), options)
+    given = schema.table(data["network"], NETWORK, path, "network", ("file",), SiteError)
+    lanes, classes = (frozenset(given[k]) if k in given else None for k in ("lane_types", "road_classes"))
+    options = MapOptions(given.get("traffic"), lanes, classes, site.map_frames)
+    return _with_map(site, _map_file(given["file"], path), options)
 
 
 def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[LoadReport]]:

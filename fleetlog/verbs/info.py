@@ -57,10 +57,8 @@ def told(figures: Figures) -> list[str]:
 def _lines(figures: Figures, indent: str = "  ") -> Iterator[str]:
     """Each figure behind its name; what holds figures or sentences of its own goes below."""
     for name, value in figures.items():
-        quantity, _, unit = name.rpartition("_")
-        label = indent + (f"{quantity} [{UNITS[unit]}]" if quantity and unit in UNITS else name).replace(
-            "_", " "
-        )
+        what, _, unit = name.rpartition("_")
+        label = indent + (f"{what} [{UNITS[unit]}]" if what and unit in UNITS else name).replace("_", " ")
         parts = list(value.values() if isinstance(value, dict) else value) if _holds(value) else []
         if not any(_holds(part) or " " in str(part) for part in parts):
             yield f"{label:<18} {_inline(value)}"

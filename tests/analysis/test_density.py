@@ -136,6 +136,8 @@ def test_with_many_days_whole_days_are_resampled(tmp_path):
         density(days(tmp_path / "a", {2}), step=2.0),
         density(days(tmp_path / "b", set(range(6))), step=2.0),
     )
+    # Six shifts of two minutes: nights are not watched.
+    assert always.summary["hours"] == pytest.approx(6 * 120 / 3600, rel=0.02)
     one, every = once.places["areas"].iloc[0], always.places["areas"].iloc[0]
     assert one.delay_low == 0 and one.delay_high > 1.5 * one.delay
     assert every.delay_low > 0.9 * every.delay and every.delay_high < 1.1 * every.delay

@@ -89,12 +89,14 @@ def _parents(pairs: pd.DataFrame, share: Floats, count: int) -> Ints:
 
 @dataclass(frozen=True)
 class Watched:
-    """What was looked at: vehicles, and the time grid from ``start`` to before ``stop`` in steps [us]."""
+    """What was looked at: vehicles, and the time grid from ``start`` to before ``stop`` in steps [us]; in
+    ``silent`` of it nobody was recorded."""
 
     vehicles: tuple[str, ...]
     start: int
     stop: int
     step: int
+    silent: int = 0
 
     @property
     def seconds(self) -> float:
@@ -103,8 +105,8 @@ class Watched:
 
     @property
     def hours(self) -> float:
-        """From start to stop."""
-        return -(-(self.stop - self.start) // self.step) * self.seconds / 3600.0
+        """Of the recording, between shifts nothing."""
+        return -(-(self.stop - self.start - self.silent) // self.step) * self.seconds / 3600.0
 
 
 def samples(c: Crowds, episode: Ints, network: Network, free_speed: Floats, step: float) -> pd.DataFrame:

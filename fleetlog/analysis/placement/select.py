@@ -55,7 +55,7 @@ def p_median(
     total = max(float(weight.sum()), 1e-300)
     cost = (weight[:, None] * finite(distance))[weight > 0][:, candidates] / total
     if capacity is not None and capacity < 1.0:
-        return _capacitated(cost, weight[weight > 0] / total, candidates, k, must, capacity)
+        return _limited(cost, weight[weight > 0] / total, candidates, k, must, capacity)
     fixed, free = np.flatnonzero(must), np.flatnonzero(~must)
     rng = np.random.default_rng(0)
     drawn = (rng.choice(free, k - len(fixed), replace=False) for _ in range(STARTS - 1))
@@ -138,9 +138,7 @@ def lagrangian(cost: Floats, u: Floats, k: int, forced: Mask, upper: float) -> f
     return best
 
 
-def _capacitated(
-    cost: Floats, share: Floats, candidates: Ints, k: int, forced: Mask, capacity: float
-) -> Choice:
+def _limited(cost: Floats, share: Floats, candidates: Ints, k: int, forced: Mask, capacity: float) -> Choice:
     """The p-median of which no site serves more than ``capacity``."""
     m, n = cost.shape
     raise_it = "raise --capacity or -k"

@@ -79,11 +79,9 @@ class TravelAbout(About):
         change = self._shared(knob.scope, times[0] - times[1])
         return np.asarray(self.own.summed(change)[:, None] / (ends[0] - ends[1]))
 
-    def _set(self, term: Term, setting: dict[str, float]) -> Floats:
+    def _set(self, term: Term, given: dict[str, float]) -> Floats:
         phases = self.physics.phases(self.own.motion.time)
-        return np.asarray(
-            sum(w * drive_times(self.own, p.changed({term.name: setting}))[0] for w, p in phases)
-        )
+        return np.asarray(sum(w * drive_times(self.own, p.changed({term.name: given}))[0] for w, p in phases))
 
     def _field(self, source: FieldSource) -> Floats:
         term, cells = source.physics, self.channel.cells(source.physics)

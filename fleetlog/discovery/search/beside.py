@@ -156,16 +156,14 @@ def _screen(
     sets = [[one for one, _ in group] for _, group in grouped]
     products = beside(joint, sums, ([a for _, own in s for a in own] for s in sets), slow)
     for some, (model, added) in zip(sets, products, strict=True):
-        wide = list(_at_every_width(some))
+        wide = list(_by_width(some))
         for (h, _, _), (square, paid) in zip(wide, model.gains(added, [w[1:] for w in wide]), strict=True):
             by_fold = 0.5 * square / problem.noise.design
             cost = problem.settings.parameter * h.numbers + h.choices + paid
             yield Screened(h, float(by_fold.sum()) - cost, by_fold)
 
 
-def _at_every_width(
-    tried: Sequence[tuple[Hypothesis, list[Atom]]],
-) -> Iterator[tuple[Hypothesis, slice, Prior]]:
+def _by_width(tried: Sequence[tuple[Hypothesis, list[Atom]]]) -> Iterator[tuple[Hypothesis, slice, Prior]]:
     """Hypotheses with the columns of each, and the prior of these."""
     start = 0
     for h, own in tried:

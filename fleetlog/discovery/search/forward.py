@@ -103,7 +103,7 @@ def _best(
         reach = now.score - MOST * (now.score - first.score)
         first = next((j for j in counting if j.chosen[-1].term and j.score < reach), first)
     if first is not None:
-        first, ranked = _in_their_time(problem, now, first, ranked)
+        first, ranked = _timed(problem, now, first, ranked)
         found.rivals[first.chosen[-1].kind] = _rivals(problem, now, first, ranked)
     return first
 
@@ -144,9 +144,7 @@ def _is_part_of(joint: Joint, other: Joint) -> bool:
     return part and other.score < joint.score
 
 
-def _in_their_time(
-    problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]
-) -> tuple[Joint, list[Joint]]:
+def _timed(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> tuple[Joint, list[Joint]]:
     """The new field limited to a part of the time, where that is more likely; its rivals then are, too."""
     timed = _in_its_time(problem, now, joint)
     if timed is None:

@@ -186,31 +186,27 @@ def _classes(kept: list[Table], residual: list[Floats], levels: list[Floats], mo
     known = [k for k in range(CLASSES) if (which == k).sum() >= FEWEST]
     swing = np.concatenate([u.swing for u in units])[use]
     usual = np.array([np.median(swing[which == k]) for k in known])
-    centre = np.array([power[which == k].mean() for k in known])
-    excess = swing / np.interp(power, centre, usual)
+    mean = np.array([power[which == k].mean() for k in known])
+    excess = swing / np.interp(power, mean, usual)
     seen = {u.key: level.astype(np.float32) for u, level in zip(units, levels, strict=True)}
     tried = []
     for exponent in EXPONENTS:
         part = rate / excess**exponent
         variance = np.array([np.median(part[which == k]) * MEDIAN for k in known])
         variance = np.maximum(variance, 0.1 * np.median(variance) + 1e-12)
-        scale = np.interp(power, centre, variance) * excess**exponent
+        scale = np.interp(power, mean, variance) * excess**exponent
         # Twice the Student likelihood of four degrees of freedom, lost: a few gross errors do not decide.
         lost = float(np.sum(np.log(scale) + 5.0 * np.log1p(rate / scale / 4.0)))
-        tried.append(
-            (lost, Noise(centre, variance, model_error, usual=usual, exponent=exponent, levels=seen))
-        )
+        tried.append((lost, Noise(mean, variance, model_error, usual=usual, exponent=exponent, levels=seen)))
     return min(tried, key=lambda t: t[0])[1]
 
 
-def _design(
-    kept: list[Table], residual: list[Floats], noise: Noise, together: Callable[[Windows], Ints]
-) -> float:
+def _design(kept: list[Table], off: list[Floats], noise: Noise, together: Callable[[Windows], Ints]) -> float:
     """Mean square of sums over what is held out together, of a constant and the energy, over their parts'."""
     found = []
     for constant in (True, False):
         top = bottom = 0.0
-        for (unit, _, _), r in zip(kept, residual, strict=True):
+        for (unit, _, _), r in zip(kept, off, strict=True):
             weight = noise.weight(unit) * unit.whole
             along = (unit.windows.duration if constant else unit.recorded) * weight * r
             _, which = np.unique(together(unit.windows), return_inverse=True)

@@ -86,10 +86,8 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
         x, y = (np.interp(driven, driven[fresh], v[fresh]) for v in (x, y))
     edge = trajectory.labels("edge_id").recode({} if network is None else network.index)
     # In a bay beside its road the positions are the path.
-    beside = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(
-        OFF_LANE, 4 * position_noise(x, y)
-    )
-    edge = np.where(np.isfinite(offset) & ~beside, edge, -1).astype(np.int32)
+    off = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(OFF_LANE, 4 * position_noise(x, y))
+    edge = np.where(np.isfinite(offset) & ~off, edge, -1).astype(np.int32)
     return Rows(t, x, y, fresh, speed, breaks, edge, np.nan_to_num(offset))
 
 

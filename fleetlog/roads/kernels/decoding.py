@@ -188,7 +188,7 @@ def decode(
         _normalise(alpha, 0, k + 1)
         for g in range(begin, end - 1):
             step_costs(store, roads, near, costs, g, moved[g], (still[g], still[g + 1]), slot, cost)
-            _advance(g - begin, g, near, emission, off, roads.rank, room)
+            _ahead(g - begin, g, near, emission, off, roads.rank, room)
         _backward(end - begin, begin, ptr, room)
         best = _best_last((end - begin - 1) * wide, delta, roads.rank, near, end - 1)
         for h in range(end - begin - 1, -1, -1):
@@ -222,9 +222,7 @@ def _normalise(values: Floats, a: int, b: int) -> None:
 
 
 @fast_inner
-def _advance(
-    h: int, g: int, near: Candidates, emission: Floats, off: float, rank: Wide, room: Scratch
-) -> None:
+def _ahead(h: int, g: int, near: Candidates, emission: Floats, off: float, rank: Wide, room: Scratch) -> None:
     """One step forward of Viterbi (``delta``, ``came``) and of the forward recursion (``alpha``)."""
     ptr, edge, _ = near
     steps, delta, alpha, _, own, came, cost, _, _, _ = room
