@@ -29,9 +29,8 @@ NEAR = 8.0  # A charger that stands this close to a chosen vertex is the one tha
 def chargers(
     dataset: Dataset, *, k: Annotated[int, Between(1, 10_000, whole=True)] = 5,
     method: plan.Method = "pmedian", variant: plan.Variant = "flow", demand: plan.Demand = "urgency",
-    metric: plan.Metric = "distance",
-    shortest: Annotated[float, Between(0.0, 1e6)] = 60.0, spacing: Annotated[float, Between(0.0, 1e6)] = 30.0,
-    radius: Annotated[float, Between(0.0, 1e6)] = 30.0,
+    metric: plan.Metric = "distance", shortest: Annotated[float, Between(0.0, 1e6)] = 60.0,
+    spacing: Annotated[float, Between(0.0, 1e6)] = 30.0, radius: Annotated[float, Between(0.0, 1e6)] = 30.0,
     alpha: Annotated[float, Between(0.0, 1.0, below=True)] = 0.85, force: tuple[str, ...] = (),
     forbid: tuple[str, ...] = (), keep_existing: bool = False,
     capacity: Annotated[float, Between(0.0, 1.0, above=True)] | None = None, truck: Truck | None = None,

@@ -37,8 +37,7 @@ SAID = {
 
 
 def energy(
-    dataset: Dataset, truck: Truck, physics: Physics | None = None, *,
-    shifts: ShiftHours = SHIFTS,
+    dataset: Dataset, truck: Truck, physics: Physics | None = None, *, shifts: ShiftHours = SHIFTS,
     chemistry: Literal["constant", "lfp", "lead"] = "constant",
 ) -> Result:  # fmt: skip
     """Compute the energy of every trip by physical cause, beside what was measured.

@@ -166,14 +166,13 @@ def summed(segments: pd.DataFrame, by: list[str], physics: Physics) -> pd.DataFr
     start, end = (pd.to_datetime(total[name], unit="us", utc=True) for name in ("start", "end"))
     out = pd.DataFrame({
         "start": start, "end": end, "duration_h": total["seconds"] / 3600.0, "distance_km": km,
-        "energy_kwh": energy / KWH,
-        "kwh_per_km": energy / KWH / km.where(km > 0.01), "kwh_per_tkm": energy / KWH / tkm.where(tkm > 1e-4),
+        "energy_kwh": energy / KWH, "kwh_per_km": energy / KWH / km.where(km > 0.01),
+        "kwh_per_tkm": energy / KWH / tkm.where(tkm > 1e-4),
         "deviation_kwh": np.sqrt(_variance(total, physics) + total["motion_variance"]) / KWH,
         "measured_kwh": measured / KWH,
         "model_beside_measured_kwh": (total["beside_measured"] / KWH).where(known),
-        "difference_kwh": (total["beside_measured"] - measured) / KWH,
-        "charged_kwh": total["charged"] / KWH, "regenerated_kwh": total["returned"] / KWH,
-        "auxiliary_share": auxiliary / energy.where(energy > 0.0),
+        "difference_kwh": (total["beside_measured"] - measured) / KWH, "charged_kwh": total["charged"] / KWH,
+        "regenerated_kwh": total["returned"] / KWH, "auxiliary_share": auxiliary / energy.where(energy > 0.0),
         "battery_loss_kwh": total["loss"] / KWH, "peak_power_kw": total["peak"] / 1000.0,
         "soc_start": total["soc_start"], "soc_end": total["soc_end"], "soc_end_model": total["soc_end_model"],
         "lowest_voltage_v": total["lowest"], "collapsed_s": total["collapsed"], "empty_s": total["empty"],

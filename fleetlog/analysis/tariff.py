@@ -9,8 +9,7 @@ name = "night"
 from = 22                       # hour of the day in the site's time zone; past midnight where to <= from
 to = 6
 days = ["mon", "tue"]           # days on which it begins; every day unless given
-price = 0.15
-co2 = 0.30"""
+price = 0.15 co2 = 0.30"""
 
 from dataclasses import dataclass
 from pathlib import Path

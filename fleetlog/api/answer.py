@@ -169,8 +169,7 @@ def dataset_answer(
     figures = {**summary, **({"dataset": str(output)} if output else {})}
     return Answer(
         name, figures, Tables(path), lines=lines, site=data.site, status=status, output=output, value=data,
-        kind=f"{data.kind} dataset",
-        write=lambda folder: shutil.copytree(path, folder, dirs_exist_ok=True),
+        kind=f"{data.kind} dataset", write=lambda folder: shutil.copytree(path, folder, dirs_exist_ok=True),
     )  # fmt: skip
 
 

@@ -35,10 +35,9 @@ class Diagnosis:
 
 
 def diagnose(
-    dataset: Dataset, truck: Truck, *, site: Site | None = None, channels: Sequence[str] = (), terms:
-    Sequence[str] = (),
-    holdout: Kind = "trips", against: Dataset | None = None, seed: int = 0, settings: Settings = SETTINGS,
-    progress: Callable[[str], None] = lambda _: None,
+    dataset: Dataset, truck: Truck, *, site: Site | None = None, channels: Sequence[str] = (),
+    terms: Sequence[str] = (), holdout: Kind = "trips", against: Dataset | None = None, seed: int = 0,
+    settings: Settings = SETTINGS, progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:  # fmt: skip
     """Say where recording and model differ, and what was left out.
 
@@ -101,8 +100,7 @@ def _split(fleet: Fleet, holdout: Kind, settings: Settings, seed: int) -> Split:
     window = max(settings.window, ROWS * fleet.step)
     return make_split(
         holdout, fleet.trips, fleet.seconds, vehicles, list(fleet.dates), settings.folds, settings.held_out,
-        seed,
-        window, bool(fleet.own_trips) or passed_once(fleet.days, window),
+        seed, window, bool(fleet.own_trips) or passed_once(fleet.days, window),
     )  # fmt: skip
 
 

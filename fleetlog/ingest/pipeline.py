@@ -147,13 +147,11 @@ def _write(
         for name, text in read.own.items():
             own[name] = own.get(name, False) or text
     every = _aligned(slips, plan.site, summary) if align else plan.every
-    positioned, driven = (
-        frozenset().union(*(getattr(r, n) for r in reads)) for n in ("positioned", "driven")
-    )
-    plan = probe(replace(plan, own=own, positioned=positioned, driven=driven, every=every), slips)
+    placed, driven = (frozenset().union(*(getattr(r, n) for r in reads)) for n in ("positioned", "driven"))
+    plan = probe(replace(plan, own=own, positioned=placed, driven=driven, every=every), slips)
     writer.site = plan.site
     summary.notes += plan.notes
-    if unplaced := sorted(driven - positioned):
+    if unplaced := sorted(driven - placed):
         summary.notes += (f"no positions of {listed(unplaced)}: {UNPLACED}",)
     outcomes = list(_vehicles(plan, slips, progress))
     for outcome in outcomes:

@@ -204,9 +204,8 @@ def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[
         found.append({
             "kind": "missing road" if state[a] == NONE else "wrong one-way",
             "edge_id": learned.edge_ids[mine[a]],
-            "of_map": "" if state[a] == NONE else known.edge_ids[other[middle]],
-            "begin": float(offset[a]), "end": float(offset[b - 1]),
-            "x": float(points[middle, 0]), "y": float(points[middle, 1]),
+            "of_map": "" if state[a] == NONE else known.edge_ids[other[middle]], "begin": float(offset[a]),
+            "end": float(offset[b - 1]), "x": float(points[middle, 0]), "y": float(points[middle, 1]),
             **{name: int(row[name]) for name in ("passes", "trucks", "days")},
         })  # fmt: skip
     return sorted(found, key=lambda p: (-p["passes"], p["edge_id"], p["begin"]))

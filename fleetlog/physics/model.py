@@ -66,9 +66,7 @@ def _own_table(own: Own, folder: Path, network: Network | None) -> dict[str, Any
 
 def _term_tables(of: Physics | Own, folder: Path, network: Network | None) -> dict[str, dict[str, Any]]:
     """The tables of terms as TOML has them; their fields are written beside the model."""
-    out: dict[str, dict[str, Any]] = {
-        n: {k: float(np.asarray(x)) for k, x in v.items()} for n, v in of.values.items()
-    }
+    out: dict[str, Any] = {n: {k: float(np.asarray(x)) for k, x in v.items()} for n, v in of.values.items()}
     for name, field in of.fields.items():
         place = f"fields/{name}.parquet"
         save_field(folder / place, field, network)

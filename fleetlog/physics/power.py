@@ -23,6 +23,8 @@ from fleetlog.physics.field import Field
 from fleetlog.physics.term import Floats, Term, Values
 from fleetlog.registry import parts
 
+ByTerm = dict[str, Floats]  # Newtons, watts or shares of every sample, (N,)
+
 
 def all_terms() -> dict[str, Term]:
     """Every term in the folder of terms, by name."""
@@ -148,12 +150,12 @@ def _with_values(truck: Truck, values: tuple[tuple[str, float], ...]) -> Truck:
     return truck
 
 
-def term_forces(motion: Motion, physics: Physics) -> dict[str, Floats]:
+def term_forces(motion: Motion, physics: Physics) -> ByTerm:
     """Force at the wheel by term, (N,) newtons each, > 0 resisting."""
     return evaluated(motion, physics, "force")
 
 
-def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = None) -> dict[str, Floats]:
+def ledger(motion: Motion, physics: Physics, forces: ByTerm | None = None) -> ByTerm:
     """Battery power by term, (N,) watts each; the sum over terms is the model's power.  ``forces`` are the
     :func:`term_forces` where they are at hand already."""
     if physics.own:
@@ -167,20 +169,16 @@ def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = 
     return {**{n: f * conversion for n, f in forces.items()}, **powers, **driven}
 
 
-def _over_phases(
-    motion: Motion, physics: Physics, of: Callable[[Physics], dict[str, Floats]]
-) -> dict[str, Floats]:
+def _over_phases(motion: Motion, physics: Physics, of: Callable[[Physics], ByTerm]) -> ByTerm:
     """The mean over the phases of a motion, by their shares."""
-    total: dict[str, Floats] = {}
+    total: ByTerm = {}
     for weight, phase in physics.phases(motion.time):
         for name, values in of(phase).items():
             total[name] = total.get(name, 0.0) + weight * values
     return total
 
 
-def evaluated(
-    motion: Motion, physics: Physics, acts: str, given: Values = MappingProxyType({})
-) -> dict[str, Floats]:
+def evaluated(motion: Motion, physics: Physics, acts: str, given: Values = MappingProxyType({})) -> ByTerm:
     """What the functions of all terms that act so return, (N,) each, ``given`` further values."""
     if physics.own:
         return _over_phases(motion, physics, lambda p: evaluated(motion, p, acts, given))
@@ -189,7 +187,7 @@ def evaluated(
 
 def acting(
     motion: Motion, truck: Truck, physics: Physics, acts: str, given: Values = MappingProxyType({})
-) -> dict[str, Floats]:
+) -> ByTerm:
     """The same of a physics without own values, for its actual motion and truck."""
     return {
         t.name: t.function(motion, truck, {**physics.values_along(t, motion), **given})

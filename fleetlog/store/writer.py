@@ -167,9 +167,8 @@ class DatasetWriter:
         description = {
             "format_version": FORMAT_VERSION, "kind": self.kind,
             "site": {"name": site.name, "frame": frame, "edges": edges},
-            "vehicles": dict(sorted(rows.items())), "start": start, "end": end,
-            "rows": sum(rows.values()), "columns": columns, "provenance": self.provenance,
-            "summary": self.summary,
+            "vehicles": dict(sorted(rows.items())), "start": start, "end": end, "rows": sum(rows.values()),
+            "columns": columns, "provenance": self.provenance, "summary": self.summary,
         }  # fmt: skip
         if tables := self.tables.close():
             description["tables"] = tables

@@ -129,8 +129,7 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     # What it shows stands beside the bar: below it a long label covers the numbers.
     spots = [*((x, y - thick) for x in xs[[0, 32, 64]]), (x0 + 0.78 * span, y + thick)]
     ends = rr.Points3D(
-        [[*spot, 0.1] for spot in spots],
-        labels=[low, _short(float(scale.at(np.array(0.5)))), top, label],
+        [[*spot, 0.1] for spot in spots], labels=[low, _short(float(scale.at(np.array(0.5)))), top, label],
         radii=ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
     )  # fmt: skip
     stream.static(f"{path}/scale/ends", ends)

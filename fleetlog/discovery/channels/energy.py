@@ -240,10 +240,9 @@ class EnergyChannel(Channel):
         begins = np.array([self.fleet.begins[block.vehicle, int(d)] for d in day])
         return {
             "speed": block.rows(m.speed), "payload": m.payload[first],
-            "acceleration": block.rows(m.acceleration),
-            "curvature": block.rows(np.abs(m.curvature)), "ambient_temperature": m.ambient_temperature[first],
-            "soc": block.soc, "time": (block.time / 3600.0) % 24.0,
-            "time since start": (block.time - begins[of]) / 3600.0,
+            "acceleration": block.rows(m.acceleration), "curvature": block.rows(np.abs(m.curvature)),
+            "ambient_temperature": m.ambient_temperature[first], "soc": block.soc,
+            "time": (block.time / 3600.0) % 24.0, "time since start": (block.time - begins[of]) / 3600.0,
             "lift_speed": block.rows(m.lift_speed), "heading": m.heading[first],
             "vehicle_id": np.full(len(block), float(block.vehicle)),
             "day": np.searchsorted(self.fleet.dates, day)[of].astype(float),
@@ -262,11 +261,10 @@ class EnergyChannel(Channel):
         scale = max(float(np.sqrt(np.mean(unit.recorded**2))), 1e-9)
         return np.column_stack([
             np.nan_to_num(w.x) / 4.0 * moving, np.nan_to_num(w.y) / 4.0 * moving,
-            np.cos(m.heading[sample]) * moving, np.sin(m.heading[sample]) * moving,
-            m.payload[sample] / 500.0, w.distance / wide / 0.5, wide / self.seconds * 3.0,
-            rise / scale * 2.0, tried / scale * 2.0, lift / scale * 2.0,
-            np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.time / self.fleet.span * 3.0,
-            w.vehicle * 3.0,
+            np.cos(m.heading[sample]) * moving, np.sin(m.heading[sample]) * moving, m.payload[sample] / 500.0,
+            w.distance / wide / 0.5, wide / self.seconds * 3.0, rise / scale * 2.0, tried / scale * 2.0,
+            lift / scale * 2.0, np.nan_to_num(m.ambient_temperature[sample]) / 4.0,
+            w.time / self.fleet.span * 3.0, w.vehicle * 3.0,
         ])  # fmt: skip
 
 

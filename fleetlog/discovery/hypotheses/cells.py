@@ -5,7 +5,6 @@ two directions) and an even part (floor: the same).  On squares an odd field is 
 values a square: slope = east cos + north sin."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -124,14 +123,14 @@ class Stretches(Cells):
         name = self.network.edge_ids[self.road_edge[first]]
         return f"{name} {self.start[first]:.0f}-{self.end[last - 1]:.0f} m"
 
-    def runs(self, mask: Mask, sign: Floats, *, bridged: bool = False) -> Iterator[NDArray[np.intp]]:
-        """Yield runs of kept stretches of an edge and a sign; ``bridged`` over a single quiet one between."""
-        for edge in np.unique(self.road_edge[mask]):
-            on = np.flatnonzero(self.road_edge == edge)
-            keep, own = mask[on].copy(), sign[on]
-            if bridged:
-                keep[1:-1] |= keep[:-2] & keep[2:] & (own[:-2] == own[2:])
-            yield from (on[run] for run in runs(keep, own))
+    def runs(self, mask: Mask, sign: Floats, *, bridged: bool = False) -> list[NDArray[np.intp]]:
+        """Return runs of kept stretches of a road and a sign; ``bridged`` over a single quiet one between."""
+        keep, road = mask.copy(), self.road_edge
+        if bridged:
+            keep[1:-1] |= keep[:-2] & keep[2:] & (road[:-2] == road[2:]) & (sign[:-2] == sign[2:])
+        on = np.flatnonzero(keep)
+        cut = (np.diff(on) > 1) | (np.diff(sign[on]) != 0) | (np.diff(road[on]) != 0)
+        return np.split(on, np.flatnonzero(cut) + 1) if len(on) else []
 
     def brief(self, first: Ints, last: Ints, near: float) -> Mask:
         """(N,) whether runs of stretches, up to ``last``, are shorter than ``near`` [m], at an end
@@ -152,12 +151,6 @@ class Stretches(Cells):
         near = np.exp(-np.abs(middle[:, None] - middle[None, :]) / REACH)
         shared = 0.9 * np.where(same, near, 0.0) if self.alike else 0.9 * np.eye(len(self))
         return np.asarray(np.linalg.cholesky(0.1 * np.eye(len(self)) + shared), dtype=np.float64)
-
-
-def runs(keep: Mask, sign: Floats) -> list[NDArray[np.intp]]:
-    """Return index runs of kept values of one sign."""
-    on = np.flatnonzero(keep)
-    return np.split(on, np.flatnonzero((np.diff(on) > 1) | (np.diff(sign[on]) != 0)) + 1) if len(on) else []
 
 
 def make_stretches(network: Network, *, apart: bool = False) -> Stretches:

@@ -22,8 +22,7 @@ from fleetlog.store import Dataset
 
 COLUMNS = (
     "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "trip_id", "payload", "fork_height",
-    "battery_power",
-    "soc", "ambient_temperature", "lateral_offset",
+    "battery_power", "soc", "ambient_temperature", "lateral_offset",
 )  # fmt: skip
 
 SELDOM, SEVERAL = 5.0, 2.5

@@ -100,9 +100,8 @@ def _mixed(codes: Ints) -> Ints:
 
 
 def make_split(
-    holdout: Kind, trips: int, seconds: float, vehicles: list[int], days: list[int], folds: int, held_out:
-    float, seed: int,
-    window: float = 10.0, once: bool = False,
+    holdout: Kind, trips: int, seconds: float, vehicles: list[int], days: list[int], folds: int,
+    held_out: float, seed: int, window: float = 10.0, once: bool = False,
 ) -> Split:  # fmt: skip
     """Return the split for a recording of so many trips and seconds in all. ``window`` [s] is the shortest
     that any channel looks at; ``once`` where most places are passed once."""

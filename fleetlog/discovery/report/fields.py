@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.discovery.hypotheses.cells import LARGE, Cells, Squares, Stretches, runs
+from fleetlog.discovery.hypotheses.cells import LARGE, Cells, Squares, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import field_values
 from fleetlog.discovery.report.finding import NORMAL, Parameter, interval
@@ -49,10 +49,10 @@ def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, 
         mask = np.abs(v.deviation) >= LARGE * float(np.abs(v.deviation).max(initial=0.0))
     rows = _merged(cells, v, mask, term) if isinstance(cells, Stretches) else []
     where = {"edges": rows, "extent": extent(cells.middle[mask.reshape(len(cells), -1).any(axis=1)])}
-    return (None if even and not rows else where), [_size(v, mask, term)]
+    return (None if even and not rows else where), [_size(cells, v, mask, term)]
 
 
-def _size(v: Values, mask: Mask, term: Term) -> Parameter:
+def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
     """The largest value of an odd field, its interval from fields that trips allow; the mean of others."""
     first = term.parameters[0]
     draws = np.random.default_rng(0).multivariate_normal(
@@ -71,10 +71,9 @@ def _size(v: Values, mask: Mask, term: Term) -> Parameter:
     weight = np.maximum(v.samples[mask], 1).astype(float)
     mean = float(np.average(own, weights=weight))
     error = float((spread @ (weight / weight.sum())).std())
-    if term.acts == "wait":
+    if isinstance(cells, Stretches) and term.acts == "wait":
         # Seconds add up along a passage: the longest wait is that of the worst run of cells.
-        found = runs(mask, np.sign(v.deviation))
-        worst = max(found, key=lambda r: float(v.deviation[r].sum()))
+        worst = max(cells.runs(mask, np.sign(v.deviation)), key=lambda r: float(v.deviation[r].sum()))
         mean = float(v.deviation[worst].sum())
         error = float((draws @ v.basis[worst].sum(axis=0)).std())
     return interval(first, first.scaled(first.neutral) + mean, error, first.neutral)

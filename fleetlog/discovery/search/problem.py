@@ -133,8 +133,7 @@ class Problem:
 
 
 def learn(
-    tables: Iterable[Table], settings: Settings, model_error: float,
-    together: Callable[[Windows], Ints],
+    tables: Iterable[Table], settings: Settings, model_error: float, together: Callable[[Windows], Ints],
 ) -> Noise:  # fmt: skip
     """Measure the noise; windows held out ``together``, (W,), are the independent samples."""
     kept: list[Table] = []
