@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from pathlib import Path
@@ -37,72 +38,13 @@ Columns = Mapping[str, NDArray[Any] | Labels | Lines]
 """Of some rows: numbers, times [us] and -1 for null, labels, or polylines."""
 KEPT = 1 << 17  # Rows of a table that are kept before they are written
 
+_TEXT = tomllib.loads(Path(__file__).with_name("events.toml").read_text(encoding="utf-8"))
 TABLES: dict[Name, tuple[Column, ...]] = {
-    "tasks": (
-        Column("task", "int64", "", "number, in the order in which tasks were given"),
-        Column("vehicle_id", "label", "", "truck that does it or did it; null while nobody does"),
-        Column("from_place", "label", "", "where the load is fetched"),
-        Column("to_place", "label", "", "where it is set down; null where that was not decided yet"),
-        Column("payload", "double", "kg", "the load"),
-        Column("earliest", "time", "", "from when on it may be done"),
-        Column("assigned", "time", "", "when the truck took it; null: not yet"),
-        Column("picked", "time", "", "when the load was on and the forks were down again; null: not yet"),
-        Column("dropped", "time", "", "when it was set down and the forks were down again; null: not yet"),
-        Column("status", "label", "", "at the end: waiting, assigned, loaded, done, later or left out"),
-    ),
-    "activities": (
-        Column("vehicle_id", "label", "", "the truck"),
-        Column("start", "time", "", "of a stretch in which it does one thing"),
-        Column("end", "time", "", "the start of its next stretch, or the end of the simulation"),
-        Column("activity", "label", "", "see below"),
-        Column("place", "label", "", "where it stands in a bay; on the road, where it drives to"),
-        Column("task", "int64", "", "number of the task that it has; null: none"),
-    ),
-    "reservations": (
-        Column("vehicle_id", "label", "", "who alone may be on a piece of the road"),
-        Column("start", "time", "", "first second in which it was reserved"),
-        Column("end", "time", "", "first second in which it was not any more, or the end of the simulation"),
-        Column("way", "int64", "", "the piece: a row of ways"),
-    ),
-    "ways": (
-        Column("way", "int64", "", "number of a piece of the road that was ever reserved"),
-        Column("kind", "label", "", "see below"),
-        Column("edge_id", "label", "", "directed road edge that it lies on; of a turn, where it comes from"),
-        Column("to_edge", "label", "", "of a turn, the edge that it leads to"),
-        Column("place", "label", "", "of the way into a bay, the place"),
-        Column("x", "line", "m", "its middle line, east, in the site frame"),
-        Column("y", "line", "m", "north"),
-        Column("z", "line", "m", "up"),
-    ),
-    "bays": (
-        Column("place", "label", "", "place of the site, or one drawn along its roads"),
-        Column("kind", "label", "", "pick, drop, park or charge"),
-        Column("x", "double", "m", "where a truck stands in the bay, east, in the site frame"),
-        Column("y", "double", "m", "north"),
-        Column("z", "double", "m", "up"),
-        Column("heading", "double", "rad", "of the truck, counter-clockwise from east"),
-    ),
+    table: tuple(Column(name, *column) for name, column in columns.items())
+    for table, columns in _TEXT["tables"].items()
 }
-
-ACTIVITIES: dict[str, str] = {
-    "drive_empty": "is on its way without a load",
-    "drive_laden": "is on its way with a load",
-    "wait": "stands although it wants to go on: others are in its way, on the road or before its bay",
-    "wait_place": "stands in a bay until the place is free that it has to go to, or that its next task needs",
-    "pick": "takes a load up",
-    "drop": "sets a load down",
-    "charge": "charges",
-    "wait_charger": "has to charge, and waits for a charger to be free",
-    "park": "has nothing to do",
-    "battery_empty": "stands with an empty battery",
-}
-WAYS: dict[str, str] = {
-    "aisle": "a lane on which nobody can be passed: a single-lane aisle, or one too short to wait on",
-    "turn": "across a junction, from one lane to another",
-    "exit": "the last metres of a lane, before a junction",
-    "entry": "the first metres of a lane, behind a junction",
-    "bay": "between the road and a bay",
-}
+ACTIVITIES: dict[str, str] = _TEXT["activities"]
+WAYS: dict[str, str] = _TEXT["ways"]
 
 
 class Tables:
