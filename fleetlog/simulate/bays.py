@@ -121,7 +121,8 @@ class BayMaker:
             return None
         x, y, heading = float(t.x[k]), float(t.y[k]), float(t.heading[k])
         aside = side * ((place.y - y) * np.cos(heading) - (place.x - x) * np.sin(heading))
-        need = self.half[0] + self.half[1] + 0.1
+        # The rear that swings out where others turn in across the road touches nobody who stands here.
+        need = self.half[0] + float(np.hypot(self.half[0], radius + self.half[1])) - radius + 0.05
         shape, length = _into(radius, max(radius, need, min(aside, OFF_ROADS)), side)
         return Door(lane, at, moved(shape, x, y, heading), length, max(radius + self.half[1], self.half[0]))
 

@@ -109,7 +109,6 @@ class Fleet(NamedTuple):
     hand_after: Floats
     until: Floats
     attention: Mask
-    force: Mask
     left: Index
     left_by: Floats
     left_hold: Floats

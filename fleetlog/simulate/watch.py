@@ -6,15 +6,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
-from fleetlog.simulate.state import Fleet, Mode, Roads
+from fleetlog.simulate.state import STANDS, Fleet, Mode, Roads
 from fleetlog.simulate.ways import Itinerary
-from fleetlog.simulate.world import World
+from fleetlog.simulate.world import TURN_TIME, World
 
 NEAR = 8.0  # A truck this close on a lane can be in the way of one that comes out onto it [m]
 STUCK = 30.0  # Trucks that have wanted to move for so long are looked at: do they wait for one another? [s]
 PASS = 20.0  # After this wait a truck that cannot turn into its bay drives on to another door [s]
 CHANGE = 40.0  # After this wait a truck that cannot back out of its bay tries the other door [s]
-DETOUR = 45.0  # After this wait a truck tries another way [s]
+QUEUED = 8.0  # Lost by who comes behind a truck that stands; from 5 to 20 throughput is the same [s]
 
 
 class Watch:
@@ -49,7 +49,10 @@ class Watch:
             yield from self._holders([len(r.length) + 2 * len(r.clear) + door], v, holders)
             if r.door_crosses[door] >= 0:
                 yield self._between(int(r.door_crosses[door]), r.door_low[door], r.door_high[door], v)
-            yield self._between(int(r.door_lane[door]), r.door_at[door] - NEAR, r.door_at[door] + NEAR, v)
+            lane, at = int(r.door_lane[door]), float(r.door_at[door])
+            # Not who stops for it, nor who stands behind it.
+            low = f.ask_at[lane] + 0.1 if f.asks[lane] == v else at if f.mode[v] == Mode.AT_BAY else at - NEAR
+            yield self._between(lane, low, at + NEAR, v)
         elif f.ahead[v] >= 0:
             yield int(f.ahead[v])
         elif f.why[v] == 2:
@@ -64,7 +67,10 @@ class Watch:
             for k in range(int(f.at[v]), self._end(v) + 1):
                 piece = int(f.route[v, k])
                 found = [f.tail[piece]] if k > f.at[v] else []
-                found += [f.crossed[piece], f.asks[piece]] if piece < len(r.clear) else []
+                found += [f.crossed[piece]] if piece < len(r.clear) else []
+                # Who is past the mark does not stop there.
+                if piece < len(r.clear) and (k > f.at[v] or f.s[v] < f.ask_at[piece] + 0.1):
+                    found.append(f.asks[piece])
                 yield from (int(u) for u in found if u != v)
 
     def _holders(self, wanted: Iterable[int], v: int, holders: dict[int, int]) -> Iterator[int]:
@@ -165,6 +171,8 @@ class Untangler:
     def _untangle(self, now: float) -> None:
         """Look for trucks that make no progress: rings of them are broken, others look for another way."""
         f = self.fleet
+        if round(now) % 10 == 0:
+            self._reroute()
         for v in np.flatnonzero((f.mode == Mode.AT_BAY) | (f.mode == Mode.WANTS_OUT)).tolist():
             since = max(float(f.waits[v]), self._changed.get(v, 0.0))
             # Twice as long at each door: on a full lane others need time to make room.
@@ -176,22 +184,36 @@ class Untangler:
         found = {frozenset(ring) for ring in rings(self.watch.blockers(stuck))} if stuck else set()
         known, self._known = self._known, {}
         for ring in sorted(found, key=min):
-            before, released = known.get(ring), self._break(sorted(ring))
+            before, released = known.get(ring), any(self._other_door(v) for v in sorted(ring))
             self.count.deadlocks += before is None
             self.count.deadlocks_released += released and not before
             self._known[ring] = released or bool(before)
-        for v in stuck:
-            if f.mode[v] == Mode.DRIVING and f.why[v] == 2 and now - f.waits[v] > DETOUR:
-                self._detour(v)
 
-    def _break(self, ring: list[int]) -> bool:
-        """Send one truck of a ring another way, or let all move up if all wait for room on full lanes."""
-        f = self.fleet
-        if any(self._other_door(v) if f.mode[v] != Mode.DRIVING else self._detour(v) for v in ring):
-            return True
-        full = any(f.why[v] == 2 for v in ring)
-        f.force[ring] |= full
-        return full
+    def _reroute(self) -> None:
+        """Routes go by the traffic: who comes to a queue takes another way if that is quicker."""
+        f, ways, shut, capacity = self.fleet, self.world.ways, self._closed(), self.watch.roads.capacity
+        on = np.flatnonzero((f.piece >= 0) & (f.piece < len(capacity)))
+        stands = on[f.v[on] < STANDS]
+        comes = on[f.at[on] + 2 <= f.last[on]]
+        following = np.full(len(f.mode), -1)
+        following[comes] = f.route[comes, f.at[comes] + 2]
+        # Who waits for a single-lane aisle, or is in it, makes others wait at both of its ends.
+        wanted, back = following[stands], self.world.track.network.reverse
+        among = np.bincount(np.append(wanted[wanted >= 0], f.piece[on]), minlength=len(capacity))
+        among[capacity > 0] = 0
+        queue = np.bincount(f.piece[stands], minlength=len(capacity)) + among
+        queue += np.where(back >= 0, among[back], 0)
+        ways.lose(np.asarray(QUEUED * queue, dtype=np.float64))
+        queue[shut] += 1
+        for v in comes[(queue[following[comes]] > 0) & (f.mode[comes] == Mode.DRIVING)].tolist():
+            if f.held_to[v] >= f.held_from[v]:
+                continue
+            way, at, door = f.route[v, f.at[v] : f.last[v] + 1], float(f.s[v]), int(f.door[v])
+            new = ways.onward(int(way[0]), at, self.world.doors[door].bay, shut)
+            gain = 0.0 if new is None else ways.rest(way, at, door) - new.cost
+            if new is not None and (gain > TURN_TIME or (following[v] in shut and new.pieces[2] not in shut)):
+                self._take(v, new)
+                self.count.detours += 1
 
     def _other_door(self, v: int) -> bool:
         """Send who cannot get into its bay, or out of it, by another door; on the road it drives on."""
@@ -212,24 +234,5 @@ class Untangler:
         if f.mode[v] == Mode.AT_BAY:
             # In a bay it has not begun to wait anew: who waits longest asks first.
             f.mode[v], f.waits[v] = Mode.DRIVING, np.inf
-        self.count.detours += 1
-        return True
-
-    def _detour(self, v: int) -> bool:
-        """Take another way where there is one that is not three times as long."""
-        f = self.fleet
-        if f.held_to[v] >= f.held_from[v] or f.ahead[v] >= 0 or f.at[v] == f.last[v]:
-            return False
-        lane, goal = int(f.piece[v]), self.world.doors[f.door[v]]
-        old = f.route[v, f.at[v] : f.last[v] + 1]
-        closed = sorted({self.watch.next_lane(v), *self._closed()})
-        if goal.lane in closed or lane == goal.lane:
-            return False
-        way = self.world.ways.onward(lane, float(f.s[v]), goal.bay, closed)
-        length = self.world.track.length
-        if way is None or length[way.pieces].sum() > 3.0 * length[old].sum() + 50.0:
-            return False
-        self._take(v, way)
-        f.waits[v] = np.inf
         self.count.detours += 1
         return True

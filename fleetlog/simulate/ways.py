@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Index, Ints, Mask
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
@@ -125,8 +125,24 @@ class Ways:
         for d, door in enumerate(doors):
             self.of_bay[door.bay].append(d)
         self.pace = router.time / np.maximum(router.network.length, 1e-9)
-        self.extra = [CROSSING if door.crosses >= 0 else 0.0 for door in doors]
+        self._crosses = np.array([door.crosses for door in doors], dtype=np.int64)
         self._lanes = lru_cache(maxsize=None)(self._search)
+        self._free = router.time
+        self.lose(np.zeros(len(self._free)))
+
+    def lose(self, seconds: Floats) -> None:
+        """From now on so many seconds (E,) are lost on lanes, and in crossing them."""
+        time = self._free + seconds
+        self.extra = np.where(self._crosses >= 0, CROSSING + seconds[self._crosses], 0.0)
+        if (time != self.router.time).any():
+            self.router.time = time
+            self._lanes.cache_clear()
+
+    def rest(self, pieces: Index, at: float, door: int) -> float:
+        """Seconds from offset ``at`` [m] of the first of some pieces to a door on the last; no turns."""
+        lanes, end = pieces[pieces < len(self._free)], self.doors[door]
+        over = (float(self.track.length[end.lane]) - end.at) * self.pace[end.lane]
+        return float(self.router.time[lanes].sum() - at * self.pace[lanes[0]] - over + self.extra[door])
 
     def between(self, start: int, end: int, closed: Iterable[int] = (), only: int = -1) -> Itinerary | None:
         """The quickest way from bay ``start`` to bay ``end``; with ``only`` out of that door."""

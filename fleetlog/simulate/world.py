@@ -49,6 +49,8 @@ def build_world(
 ) -> World:  # fmt: skip
     """Lay out a site, ``mined`` places if there is room; :class:`SiteError` if it cannot hold the trucks."""
     site, notes = with_loops(site)
+    if physics is not None and physics.own:
+        notes = [*notes, "what the model has for single trucks or hours of its recording is left out"]
     network = site.roads()
     trucks = Trucks.given(trucks, vehicles) if isinstance(trucks, Truck) else trucks
     truck = trucks.envelope

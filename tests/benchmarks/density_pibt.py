@@ -4,11 +4,18 @@
     python tests/benchmarks/density_pibt.py --hours 100
 
 The roads have two lanes.  PIBT sees them as cells as long as a truck and the gap before it, two side by side, in
-which an agent goes to any neighbouring free cell in the time that a truck at the speed limit needs for one.
-It has no acceleration, no turning circle, no footprint across cells and no side of the road to keep to.  Tasks
-are endless on both sides: to a random place, stand beside the road, to another, stand.  The truck of ``sharp`` is
-made comparable: it gathers and loses speed within a cell and turns on the spot as far as roads allow; the time
-of its way into a bay and out of it is part of the time that agents stand.
+which an agent goes to a neighbouring free cell in the time that a truck at the speed limit needs for one.
+Tasks are endless on both sides: to a random place, stand beside the road, to another, stand.  There are two PIBT:
+
+``free``   as published on grids: an agent goes to any neighbouring cell, on any side of the road, and into a cell that
+           another leaves in the same step, whichever way that goes.  It vanishes when it arrives, anywhere.
+``lanes``  on the same map: it keeps to its lane, its places are the bays of the simulated site, with their doors, and it
+           keeps its cell while it turns in or out.  It does not follow round a corner into a cell that is being left:
+           trucks of 3.0 by 1.2 m would overlap there (halfway both are within 0.2 m of the corner).  No other number
+           is changed; it may still turn round within a crossing, and start and stop at once.
+
+The truck of ``sharp`` is made comparable the other way: it gathers and loses speed within a cell and turns at the
+speed limit.  All fleets meet the same site: places for the largest of them.
 
 With --hours it counts deadlocks of plain trucks up to half of the cells full, and says when one is not broken.
 """
@@ -67,6 +74,8 @@ class Agents:
         self.away, self._on = np.zeros(agents, int), [True] * agents
         self.arrivals = 0
 
+        self.at = at
+
     def distance(self, goal: int) -> np.ndarray:
         """Steps from every cell to a goal."""
         if goal not in self._distance:
@@ -114,9 +123,111 @@ class Agents:
             self._next[cell], self._chosen[v] = v, cell
             if other is not None and other != v and other not in self._chosen and not self._choose(other, v):
                 continue
+            if other is not None and other != v and not self._may_follow(here, cell, self._chosen[other]):
+                if self._next.get(cell) == v:
+                    del self._next[cell]
+                continue
             return True
         self._next[here], self._chosen[v] = v, here
         return False
+
+    def _may_follow(self, here: int, cell: int, onward: int) -> bool:
+        """Whether an agent may go to a cell that another leaves for ``onward`` meanwhile."""
+        return True
+
+
+class LaneAgents(Agents):
+    """PIBT on lanes and with footprints, between the bays of a simulated site: see above."""
+
+    def __init__(self, world, crossings: int, agents: int, stand: int, manoeuvre: int, seed: int) -> None:
+        super().__init__(crossings, 1, stand, seed)
+        road, number = round(PITCH / CELL), {tuple(c): k for k, c in enumerate((self.at - 1).tolist())}
+        size, everywhere = (crossings - 1) * road + 2, self.near
+        self.near = [[] for _ in everywhere]
+        for (x, y), k in number.items():
+            up, right = (x % road == 1) - (x % road == 0), (y % road == 0) - (y % road == 1)
+            ahead = (number.get((x, y + up)) if up else None, number.get((x + right, y)) if right else None)
+            self.near[k] = [c for c in ahead if c is not None]
+        self._behind: list[list[int]] = [[] for _ in self.near]
+        for k, ahead in enumerate(self.near):
+            for c in ahead:
+                self._behind[c].append(k)
+        track = world.track
+
+        def cell(door: int) -> int:
+            d = world.doors[door]
+            k = int(track.first[d.lane] + round(d.at / track.spacing[d.lane]))
+            along = [int(np.clip((p[k] + CELL) // CELL, 0, size - 1)) for p in (track.x, track.y)]
+            c, s = np.cos(track.heading[k]), np.sin(track.heading[k])
+            if abs(c) > abs(s):
+                along[1] = round(track.y[k] / PITCH) * road + int(c < 0.0)
+            else:
+                along[0] = round(track.x[k] / PITCH) * road + int(s > 0.0)
+            return number[along[0], along[1]]
+
+        self.doors = [[cell(d) for d in doors] for doors in world.ways.of_bay]
+        self.bay = self.rng.permutation(len(self.doors))[:agents].tolist()
+        self._taken, self._manoeuvre = set(self.bay), manoeuvre
+        self.where, self._on, self._turns_in = [-1] * agents, [False] * agents, [False] * agents
+        self.priority, self.away, self._busy = self.rng.random(agents), np.ones(agents, int), [0] * agents
+        self.goal = [self._draw() for _ in range(agents)]
+
+    def _draw(self) -> int:
+        free = [b for b in range(len(self.doors)) if b not in self._taken]
+        bay = int(free[self.rng.integers(len(free))])
+        self._taken.add(bay)
+        return bay
+
+    def distance(self, goal: int) -> np.ndarray:
+        """Steps from every cell to the nearer door of a bay."""
+        if goal not in self._distance:
+            out, front = np.full(self.cells, 10**6), list(dict.fromkeys(self.doors[goal]))
+            out[front] = 0
+            while front:
+                ahead = {n: out[c] + 1 for c in front for n in self._behind[c] if out[n] == 10**6}
+                for n, far in ahead.items():
+                    out[n] = far
+                front = list(ahead)
+            self._distance[goal] = out
+        return self._distance[goal]
+
+    def step(self) -> None:
+        """Everyone goes on by a cell at most; who turns in or out stays on its cell meanwhile."""
+        self.away = np.maximum(self.away - 1, 0)
+        taken = {c for v, c in enumerate(self.where) if self._on[v]}
+        for v in np.argsort(-self.priority).tolist():
+            if not self._on[v] and self.away[v] == 0:
+                far = self.distance(self.goal[v])
+                out = min(self.doors[self.bay[v]], key=lambda c: far[c])
+                if out not in taken:
+                    self._on[v], self._turns_in[v], self._busy[v] = True, False, self._manoeuvre
+                    self.where[v] = out
+                    taken.add(out)
+                    self._taken.discard(self.bay[v])
+        self._now = {self.where[v]: v for v in range(len(self.where)) if self._on[v]}
+        busy = [v for v in self._now.values() if self._busy[v] > 0]
+        self._chosen = {v: self.where[v] for v in busy}
+        self._next = {self.where[v]: v for v in busy}
+        for v in np.argsort(-self.priority).tolist():
+            if self._on[v] and v not in self._chosen:
+                self._choose(v, -1)
+        for v, cell in self._chosen.items():
+            self.where[v] = cell
+            self.priority[v] += 1.0
+            if self._busy[v] > 0:
+                self._busy[v] -= 1
+                if self._busy[v] == 0 and self._turns_in[v]:
+                    self._on[v], self.away[v] = False, self.stand
+                    self.arrivals += 1
+                    self.priority[v] %= 1.0
+                    self.bay[v], self.goal[v] = self.goal[v], self._draw()
+            elif cell in self.doors[self.goal[v]]:
+                self._turns_in[v], self._busy[v] = True, self._manoeuvre
+
+    def _may_follow(self, here: int, cell: int, onward: int) -> bool:
+        return onward == cell or bool(
+            (self.at[onward] - self.at[cell] == self.at[cell] - self.at[here]).all()
+        )
 
 
 def stand() -> float:
@@ -127,25 +238,22 @@ def stand() -> float:
     return float(np.mean([max(d, h * up_down + ENGAGE) for v in visits for d, h in zip(*v, strict=True)]))
 
 
-def ours(crossings: int, trucks: int, seconds: float, seed: int, truck) -> tuple[float, float, object]:
-    """Tasks done per truck and hour after the warm-up, the time on the way into a bay and out, the summary."""
+def ours(crossings: int, trucks: int, room: int, seconds: float, seed: int, truck) -> tuple[float, object]:
+    """Tasks done per truck and hour after the warm-up, on a site for ``room`` trucks; the summary."""
     site = grid(crossings, crossings, PITCH)
     with TemporaryDirectory() as scratch, DatasetWriter.create(Path(scratch) / "run", "simulated", site) as w:
-        settings = Settings(trucks, seconds, interval=10.0, seed=seed, soc=1.0)
+        settings = Settings(trucks, seconds, interval=10.0, seed=seed, soc=1.0, room=room)
         done = simulate(site, truck, w, settings, Demand(pause=1e-6))
         w.finish()
         dropped = read_table(Dataset(w.path), "tasks").dropped.dropna()
         late = pd.Timestamp(settings.start, unit="us", tz="UTC") + pd.Timedelta(seconds=WARM_UP * seconds)
         count = int((dropped > late).sum())
-    spur = float(np.median(spur_times(build_world(site, truck, trucks))))
-    return count / trucks / ((1.0 - WARM_UP) * seconds / 3600.0), 2.0 * spur, done
+    return count / trucks / ((1.0 - WARM_UP) * seconds / 3600.0), done
 
 
-def pibt(crossings: int, trucks: int, seconds: float, seed: int, stand: float) -> float:
+def pibt(agents: Agents, trucks: int, seconds: float) -> float:
     """Tasks per agent and hour: two arrivals are one."""
-    step = CELL / LIMIT
-    agents = Agents(crossings, trucks, round(stand / step), seed)
-    early = 0
+    step, early = CELL / LIMIT, 0
     for k in range(round(seconds / step)):
         agents.step()
         early = agents.arrivals if k * step < WARM_UP * seconds else early
@@ -153,21 +261,32 @@ def pibt(crossings: int, trucks: int, seconds: float, seed: int, stand: float) -
 
 
 def compare(args: argparse.Namespace) -> list[tuple[float, ...]]:
-    """A row a fleet: trucks, share of the cells, tasks per truck-hour of PIBT, sharp and plain trucks."""
-    rows, cells = [], Agents(args.crossings, 1, 1, 0).cells
+    """A row a fleet: trucks, share of the cells, tasks per truck-hour of both PIBT, sharp and plain trucks."""
+    rows, cells, fleets = [], Agents(args.crossings, 1, 1, 0).cells, [int(n) for n in args.trucks.split(",")]
+    world = build_world(grid(args.crossings, args.crossings, PITCH), SHARP, 1, room=max(fleets))
+    turn, step, seconds = float(np.median(spur_times(world))), CELL / LIMIT, 60.0 * args.minutes
+    work, each = round((stand() + 2.0 * turn) / step), round(turn / step)
     print(
-        "| trucks | cells full | PIBT | sharp | of PIBT | plain | deadlocks (broken) |\n" + "|---" * 7 + "|"
+        "| trucks | cells full | PIBT, free | PIBT, lanes | sharp | of lanes | plain | plain, in all | deadlocks |\n"
+        + "|---" * 9
+        + "|"
     )
-    for trucks in map(int, args.trucks.split(",")):
-        seconds = 60.0 * args.minutes
-        sharp, manoeuvre, _ = ours(args.crossings, trucks, seconds, 1, SHARP)
-        plain, _, done = ours(args.crossings, trucks, seconds, 1, TRUCK)
-        best = pibt(args.crossings, trucks, seconds, 1, stand() + manoeuvre)
-        rows.append((trucks, trucks / cells, best, sharp, plain))
-        count = f"{done.count.deadlocks} ({done.count.deadlocks_released})"
+    for n in fleets:
+        found: list[list[float]] = [[], [], [], []]
+        count = 0
+        for seed in range(1, args.seeds + 1):
+            found[0].append(pibt(Agents(args.crossings, n, work, seed), n, seconds))
+            kept = LaneAgents(world, args.crossings, n, work - 2 * each, each, seed)
+            found[1].append(pibt(kept, n, seconds))
+            for k, truck in ((2, SHARP), (3, TRUCK)):
+                rate, done = ours(args.crossings, n, max(fleets), seconds, seed, truck)
+                found[k].append(rate)
+                count += done.count.deadlocks
+        free, lanes, sharp, plain = (float(np.mean(f)) for f in found)
+        rows.append((n, n / cells, free, lanes, sharp, plain))
         print(
-            f"| {trucks} | {100 * trucks / cells:.0f} % | {best:.1f} | {sharp:.1f} | {sharp / best:.2f} |"
-            f" {plain:.1f} | {count} |",
+            f"| {n} | {100 * n / cells:.0f} % | {free:.1f} | {lanes:.1f} | {sharp:.1f} | {sharp / lanes:.2f} |"
+            f" {plain:.1f} | {n * plain:,.0f} | {count} |",
             flush=True,
         )
     return rows
@@ -175,14 +294,14 @@ def compare(args: argparse.Namespace) -> list[tuple[float, ...]]:
 
 def deadlocks(args: argparse.Namespace) -> None:
     """Hours of plain trucks, from a tenth to half of the cells full, until --hours are done."""
-    cells, done, seed, begun = Agents(args.crossings, 1, 1, 0).cells, 0.0, 0, time.process_time()
+    cells, done, seed, begun = Agents(args.crossings, 1, 1, 0).cells, 0.0, args.seed, time.process_time()
     while done < args.hours:
         trucks = round(cells * (0.1, 0.2, 0.3, 0.4, 0.5)[seed % 5])
-        _, _, summary = ours(args.crossings, trucks, 3600.0, seed, TRUCK)
+        _, summary = ours(args.crossings, trucks, trucks, 3600.0, seed, TRUCK)
         done, seed, c = done + 1.0, seed + 1, summary.count
         print(
-            f"{done:.0f} h: {trucks} trucks, {c.deadlocks} deadlocks, {c.deadlocks_released} broken, longest"
-            f" wait {summary.longest_wait_s:.0f} s, {time.process_time() - begun:.0f} CPU s",
+            f"{done:.0f} h: {trucks} trucks, {c.tasks_done} tasks, {c.deadlocks} deadlocks, {c.deadlocks_released}"
+            f" broken, longest wait {summary.longest_wait_s:.0f} s, {time.process_time() - begun:.0f} CPU s",
             flush=True,
         )
 
@@ -193,7 +312,7 @@ def plot(rows: list[tuple[float, ...]], file: Path) -> None:
 
     table = np.array(rows)
     figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
-    for column, label in ((2, "PIBT"), (3, "sharp trucks"), (4, "plain trucks")):
+    for column, label in ((2, "PIBT, free"), (3, "PIBT, lanes"), (4, "sharp trucks"), (5, "plain trucks")):
         axes.plot(100.0 * table[:, 1], table[:, column] * table[:, 0], "o-", label=label)
     axes.set(xlabel="cells full [%]", ylabel="tasks an hour", ylim=(0.0, None))
     axes.legend(frameon=False)
@@ -206,7 +325,9 @@ def main() -> None:
     parser.add_argument("--crossings", type=int, default=4)
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--trucks", default="20,60,120,180,240")
+    parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--hours", type=float, default=0.0)
+    parser.add_argument("--seed", type=int, default=0, help="first seed with --hours")
     parser.add_argument("--plot", type=Path)
     args = parser.parse_args()
     sys.setrecursionlimit(10_000)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from simulated_sites import aisle, grid, place
+from simulated_sites import TRUCK, aisle, grid, place
 
 from fleetlog.simulate.tasks import Demand, Task
+from fleetlog.simulate.world import build_world
 
 PATIENCE = 300.0
 
@@ -81,3 +82,35 @@ def test_narrow_roads_with_too_many_trucks_keep_moving(simulated, site, seed):
     assert sim.summary.longest_wait_s < 720.0
     done = np.diff(sim.array("payload"), axis=1) < 0
     assert min(q.sum() for q in np.array_split(done.any(axis=0), 4)) >= 10
+
+
+@pytest.mark.parametrize("trucks", [60, 240])
+def test_bays_that_lie_close_have_doors_to_both_lanes(trucks):
+    """Else who comes from the other side would have to drive round a block."""
+    doors = [len(of_bay) for of_bay in build_world(grid(4, 4, 60.0), TRUCK, trucks).ways.of_bay]
+    assert np.mean(np.array(doors) == 2) > 0.9
+
+
+def test_more_trucks_do_more_in_all_and_nobody_waits_for_one_another(simulated):
+    """Up to a quarter of the cells full, on one site; rows are not looked at."""
+    runs = [simulated(grid(4, 4, 60.0), n, 600.0, seed=1, interval=10.0, room=180) for n in (60, 120, 180)]
+    done = [sim.summary.count.tasks_done for sim in runs]
+    assert done[0] < done[1] < done[2]
+    assert not any(sim.summary.count.deadlocks for sim in runs)
+
+
+def test_who_comes_to_a_queue_takes_another_way():
+    world = build_world(grid(3, 3, 60.0), TRUCK, 5)
+    network, ways = world.track.network, world.ways
+    lane, far = (
+        network.index["e00h"],
+        next(b for b, bay in enumerate(world.bays) if bay.door.lane == network.index["e11v"]),
+    )
+    free = ways.onward(lane, 5.0, far)
+    lost = np.zeros(len(network))
+    lost[free.pieces[2]] = 60.0
+    ways.lose(lost)
+    assert ways.rest(free.pieces, 5.0, free.door) > free.cost + 50.0
+    assert free.pieces[2] not in ways.onward(lane, 5.0, far).pieces
+    ways.lose(np.zeros(len(network)))
+    assert ways.onward(lane, 5.0, far).pieces.tolist() == free.pieces.tolist()

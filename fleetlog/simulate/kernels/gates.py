@@ -3,7 +3,7 @@
 import numpy as np
 
 from fleetlog.compiling import inner
-from fleetlog.simulate.kernels.lanes import acquire, insert, is_free, is_safe_lane
+from fleetlog.simulate.kernels.lanes import acquire, closes_ring, insert, is_free, is_safe_lane
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]
@@ -29,14 +29,14 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
 
 
 @inner
-def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
-    """Ask those on the lane that ``v`` comes out onto, and on the one that it crosses, to stop."""
+def ask(r: Roads, f: Fleet, v: int, x: Limits, room: bool) -> None:
+    """Ask those on the lane that ``v`` comes out onto to stop, with ``room`` there those it crosses too."""
     d = f.door[v]
     if f.mode[v] == Mode.WANTS_OUT and f.asks[r.door_lane[d]] < 0:
         f.asks[r.door_lane[d]] = v
         f.ask_at[r.door_lane[d]] = r.door_at[d] - x.length - x.gap - SHORT
     c = r.door_crosses[d]
-    if c >= 0 and f.asks[c] < 0:
+    if c >= 0 and f.asks[c] < 0 and room:
         f.asks[c] = v
         f.ask_at[c] = r.door_low[d] - SHORT
 
@@ -56,7 +56,7 @@ def take_spur(r: Roads, f: Fleet, v: int) -> None:
 @inner
 def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -> bool:
     """Whether somebody comes onto a lane, behind nobody before ``at``, who could not stop at ``stop``."""
-    if f.inbound[lane] == 0 or stop >= r.run_in[lane]:
+    if f.inbound[lane] == 0 or stop >= r.run_in[lane] + (f.inbound[lane] - 1) * (x.length + x.gap):
         return False
     return f.tail[lane] < 0 or f.s[f.tail[lane]] >= at
 
@@ -115,10 +115,16 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     d = f.door[v]
     lane = r.door_lane[d]
     spur = len(r.length) + 2 * len(r.clear) + d
-    late = now - f.waits[v] > x.patience
-    if late:
-        ask(r, f, v, x)
-    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, False):
+    late, free = now - f.waits[v] > x.patience, is_safe_lane(r, lane)
+    ring = free and closes_ring(r, f, v, 0)
+    room = not ring and (not free or f.on[lane] + f.inbound[lane] < r.capacity[lane])
+    for asked in (lane, r.door_crosses[d]):
+        # Nobody stops for one that could not come even so; behind it a ring would never come apart.
+        if asked >= 0 and f.asks[asked] == v and (ring or (not room and asked != lane)):
+            f.asks[asked] = -1
+    if late and not ring:
+        ask(r, f, v, x, room)
+    if ring or not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, False):
         return 1
     if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
         return 1
@@ -147,8 +153,9 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
         # It is on the road already: whoever has claimed the junction waits for it to be gone.
         if not is_free(r, f, v, len(r.length) + 2 * len(r.clear) + f.door[v], True):
             return 1
-        if now - f.waits[v] > x.patience:
-            ask(r, f, v, x)
+        if f.mode[v] == Mode.AT_BAY:
+            # It holds up those behind it.
+            ask(r, f, v, x, True)
         if not may_cross(r, f, v, x):
             return 1
         take_spur(r, f, v)

@@ -93,6 +93,53 @@ def is_free(r: Roads, f: Fleet, v: int, what: int, ahead: bool) -> bool:
 
 
 @inner
+def next_safe(r: Roads, f: Fleet, v: int, at: int) -> int:
+    """Position behind ``at`` of the next lane where truck ``v`` may wait, or of its last piece."""
+    high = min(at + 1, f.last[v])
+    while high < f.last[v] and not is_safe_lane(r, f.route[v, high]):
+        high += 1
+    return high
+
+
+@inner
+def closes_ring(r: Roads, f: Fleet, v: int, high: int) -> bool:
+    """Whether a ring of lanes is full once truck ``v`` is at position ``high`` of its route: the first
+    on each waits for room on the next, and nobody could ever move again."""
+    lane, new = f.route[v, high], 1
+    at, c = high, lane
+    for _ in range(len(r.clear)):
+        # The last place may be too short by a hair, where there is more than one.
+        if f.on[c] + f.inbound[c] + new < max(r.capacity[c] - 1, 1) or (c == f.piece[v] and new == 0):
+            return False
+        u = f.tail[c]
+        while u >= 0 and f.ahead[u] >= 0:
+            u = f.ahead[u]
+        u, at = (v, high) if u < 0 and new else (u, f.at[u])
+        if u < 0 or at == f.last[u] or f.held_to[u] > at:
+            return False
+        c, new = f.route[u, next_safe(r, f, u, at)], 0
+        if c == lane:
+            return True
+        if not is_safe_lane(r, c):
+            return False
+    return False
+
+
+@inner
+def fits(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
+    """Whether one more, behind all that come, would clear the junction though those on the lane brake now."""
+    last, u, asker, crosses = r.stop[lane], f.tail[lane], f.asks[lane], f.crossed[lane]
+    if u >= 0:
+        pace = f.v[u] if f.mode[u] == Mode.DRIVING else 0.0
+        last = min(last, f.s[u] + pace * pace / (2.0 * x.down[u]) - x.length - x.gap)
+    if asker >= 0 and asker != v:
+        last = min(last, f.ask_at[lane])
+    if crosses >= 0:
+        last = min(last, r.door_low[f.door[crosses]])
+    return f.inbound[lane] * (x.length + x.gap) <= last - r.clear[lane]
+
+
+@inner
 def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     """Whether one more can stand on a lane; room is kept for one who asked to come out of a bay."""
     room = r.capacity[lane]
@@ -101,21 +148,21 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
         if r.door_lane[f.door[asker]] == lane:
             room -= 1
         # Who could not stop there any more would go first, and after it the next one.
-        if f.ask_at[lane] < max(r.clear[lane] + 0.5, r.run_in[lane]) and not f.force[v]:
+        if f.ask_at[lane] < max(r.clear[lane] + 0.5, r.run_in[lane]):
             return False
-    if f.force[v]:
-        room += 1
-    return f.on[lane] + f.inbound[lane] < room
+    return f.on[lane] + f.inbound[lane] < room and fits(r, f, v, lane, x)
 
 
 @inner
 def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int:
     """Reserve the way to the next safe lane, whole: 0 done, 1 others are in the way, 2 no room there."""
-    high = min(low + 1, f.last[v])
-    while high < f.last[v] and not is_safe_lane(r, f.route[v, high]):
-        high += 1
+    high = next_safe(r, f, v, low)
     ends_safe = is_safe_lane(r, f.route[v, high])
-    if ends_safe and high > low and not has_room(r, f, v, f.route[v, high], x):
+    if (
+        ends_safe
+        and high > low
+        and (not has_room(r, f, v, f.route[v, high], x) or closes_ring(r, f, v, high))
+    ):
         return 2
     for k in range(low + 1, high):
         # Who goes into a bay there could find a reservation beyond it in its way.
@@ -140,7 +187,6 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
         f.held[resource(r, f, v, k, low, high)] += 1
     if ends_safe and high > low:
         f.inbound[f.route[v, high]] += 1
-    f.force[v] = False
     return 0
 
 
