@@ -140,12 +140,10 @@ class Model:
     def values(self, vehicle: int | None = None) -> dict[str, dict[str, float]]:
         """Return all numbers not nominal at all times, by term and parameter, of a vehicle or the fleet."""
         out: dict[str, dict[str, float]] = {}
-        for knob in self.at:
-            if knob.scope.whole or (
-                vehicle is not None and knob.scope.covers(vehicle) and not knob.scope.timed
-            ):
-                at = self.coordinate(knob) if vehicle is None else self.of_vehicle(knob, vehicle)
-                out.setdefault(knob.term, {})[knob.parameter] = knob.definition.value_of(at)
+        for k in self.at:
+            if k.scope.whole or (vehicle is not None and k.scope.covers(vehicle) and not k.scope.timed):
+                at = self.coordinate(k) if vehicle is None else self.of_vehicle(k, vehicle)
+                out.setdefault(k.term, {})[k.parameter] = k.definition.value_of(at)
         return out
 
     def own(self, vehicle: int) -> list[Own]:

@@ -14,10 +14,7 @@ class _Kml(Elements):
     """One row a moment of a track, or a placemark with a time; records count each kind."""
 
     wanted, passed = ("Track", "Placemark"), ("LineString",)
-    recognised: ClassVar = {
-        "gx:coord, coordinates": "position, WGS 84, z from m",
-        "when": "timestamp, ISO 8601",
-    }
+    recognised: ClassVar = {"gx:coord, coordinates": "WGS 84 position, z in m", "when": "timestamp, ISO 8601"}
 
     def take(self, element: Any, _: int) -> None:
         tag = local(element)

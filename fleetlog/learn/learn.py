@@ -45,13 +45,11 @@ def learn(
     settings = settings or Settings()
     cells, noise = _driven(dataset)
     found = learn_roads(cells, noise, lambda: dataset.days(COLUMNS), settings)
-    network = described(found, noise)
-    base = Site(
-        dataset.path.name, dataset.site.frame, network, dataset.site.traffic, zones=slow_zones(network)
-    )
+    roads = described(found, noise)
+    base = Site(dataset.path.name, dataset.site.frame, roads, dataset.site.traffic, zones=slow_zones(roads))
     learned, places = with_places(base, dataset, min_visits)
-    table = road_table(network, found)
-    lacking = proposals(network, table, _in_frame(site, base.frame)) if site is not None else None
+    table = road_table(roads, found)
+    lacking = proposals(roads, table, _in_frame(site, base.frame)) if site is not None else None
     return learned, _result(learned, cells, table, places, lacking, found.evidence)
 
 

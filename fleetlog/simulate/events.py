@@ -70,10 +70,9 @@ class EventLog:
         stands = (f.mode == Mode.AT_BAY) | kept_in | ((f.mode == Mode.DRIVING) & (f.v < STANDS))
         first_of = {
             "wait_charger": parked & (d.lacks == CHARGER),
-            "wait_place": parked & ((d.lacks > 0) | (d.book.of >= 0)),
-            "park": parked, "pick": works & (f.hand_after > 0.0), "drop": works,
-            "charge": f.mode == Mode.CHARGING, "battery_empty": f.mode == Mode.EMPTY, "wait": stands,
-            "drive_laden": f.load > 0.0,
+            "wait_place": parked & ((d.lacks > 0) | (d.book.of >= 0)), "park": parked,
+            "pick": works & (f.hand_after > 0.0), "drop": works, "charge": f.mode == Mode.CHARGING,
+            "battery_empty": f.mode == Mode.EMPTY, "wait": stands, "drive_laden": f.load > 0.0,
         }  # fmt: skip
         codes = [NAMES.index(name) for name in first_of]
         does = np.select(list(first_of.values()), codes, NAMES.index("drive_empty"))

@@ -237,10 +237,9 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
         **{f"waiting_{k.replace(' ', '_')}_h": v / 3600.0 for k, v in s.limits.waiting_s.items()},
         "busy_share": 100.0 * next(r.utilisation for r in s.limits.resources if r.kind == "trucks"),
         "distance_km": s.distance_m / 1000.0, "energy_kwh": s.energy_wh / 1000.0,
-        "charged_kwh": s.charged_wh / 1000.0,
-        "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1), "charges": c.charges,
-        "soc_lowest": s.soc_lowest,
-        "longest_wait_s": s.longest_wait_s, "deadlocks": c.deadlocks, "empty": len(c.empty),
+        "charged_kwh": s.charged_wh / 1000.0, "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1),
+        "charges": c.charges, "soc_lowest": s.soc_lowest, "longest_wait_s": s.longest_wait_s,
+        "deadlocks": c.deadlocks, "empty": len(c.empty),
         "bottleneck": "none" if worst is None else worst.kind + (f", {worst.name}" if worst.name else ""),
     }  # fmt: skip
 

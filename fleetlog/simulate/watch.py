@@ -137,7 +137,6 @@ class Count:
     deadlocks: int = 0
     deadlocks_released: int = 0
     detours: int = 0
-    made_room: int = 0
     charges: int = 0
     empty: list[str] = field(default_factory=list)
 

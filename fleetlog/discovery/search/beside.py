@@ -104,10 +104,9 @@ def beside(
     joint: Joint, sums: Sums, several: Iterable[Sequence[Atom]], slow: bool = False
 ) -> Iterator[tuple[Beside, Added]]:
     """Yield a joint model, and products of each of several sets of further coefficients' columns."""
-    known = [
-        not slow or (a.vehicle is None and a.columns.max() < sums.layout.core) for a in joint.design.atoms
-    ]
-    own = Design(tuple(a for a, k in zip(joint.design.atoms, known, strict=True) if k))
+    atoms = joint.design.atoms
+    known = [not slow or (a.vehicle is None and a.columns.max() < sums.layout.core) for a in atoms]
+    own = Design(tuple(a for a, k in zip(atoms, known, strict=True) if k))
     prior, beta = own.prior, joint.fitted.beta[known]
     base = np.flatnonzero(prior.within(beta))
     held = beta.copy()

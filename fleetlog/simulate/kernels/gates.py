@@ -3,7 +3,7 @@
 import numpy as np
 
 from fleetlog.compiling import inner
-from fleetlog.simulate.kernels.lanes import acquire, closes_ring, insert, is_free, is_safe_lane
+from fleetlog.simulate.kernels.lanes import acquire, fills_ring, insert, is_free, is_safe_lane
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]
@@ -116,7 +116,7 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     lane = r.door_lane[d]
     spur = len(r.length) + 2 * len(r.clear) + d
     late, free = now - f.waits[v] > x.patience, is_safe_lane(r, lane)
-    ring = free and closes_ring(r, f, v, 0)
+    ring = free and fills_ring(r, f, v, 0)
     room = not ring and (not free or f.on[lane] + f.inbound[lane] < r.capacity[lane])
     for asked in (lane, r.door_crosses[d]):
         # Nobody stops for one that could not come even so; behind it a ring would never come apart.

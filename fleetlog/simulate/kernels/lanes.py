@@ -102,7 +102,7 @@ def next_safe(r: Roads, f: Fleet, v: int, at: int) -> int:
 
 
 @inner
-def closes_ring(r: Roads, f: Fleet, v: int, high: int) -> bool:
+def fills_ring(r: Roads, f: Fleet, v: int, high: int) -> bool:
     """Whether a ring of lanes is full once truck ``v`` is at position ``high`` of its route: the first
     on each waits for room on the next, and nobody could ever move again."""
     lane, new = f.route[v, high], 1
@@ -158,11 +158,7 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     """Reserve the way to the next safe lane, whole: 0 done, 1 others are in the way, 2 no room there."""
     high = next_safe(r, f, v, low)
     ends_safe = is_safe_lane(r, f.route[v, high])
-    if (
-        ends_safe
-        and high > low
-        and (not has_room(r, f, v, f.route[v, high], x) or closes_ring(r, f, v, high))
-    ):
+    if ends_safe and high > low and (not has_room(r, f, v, f.route[v, high], x) or fills_ring(r, f, v, high)):
         return 2
     for k in range(low + 1, high):
         # Who goes into a bay there could find a reservation beyond it in its way.
