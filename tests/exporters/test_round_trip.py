@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -200,6 +202,24 @@ def test_mcap_brings_the_battery_back_as_a_channel(make_dataset, tmp_path: Path)
         t, rows = dataset.read(vehicle), back[f"{vehicle} channel"]
         for column in ("soc", "battery_voltage", "battery_current"):
             np.testing.assert_allclose(np.asarray(rows[column], float), t.floats(column), rtol=1e-12)
+
+
+def test_the_library_of_mcap_reads_what_is_written(make_dataset, tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    dataset = make_dataset(vehicles=2)
+    out = tmp_path / "x.mcap"
+    export_dataset(dataset, "mcap", out)
+    with out.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        told = reader.get_summary()
+        messages = [(schema.name, channel, message) for schema, channel, message in reader.iter_messages()]
+    assert told.statistics.message_count == len(messages)
+    places = [m for name, _, m in messages if name in ("foxglove.LocationFix", "foxglove.PoseInFrame")]
+    assert len(places) == dataset.rows
+    assert all(a.log_time <= b.log_time for (_, _, a), (_, _, b) in pairwise(messages))
+    assert {c.message_encoding for _, c, _ in messages} == {"json"}
+    assert all("timestamp" in json.loads(m.data) for _, _, m in messages[:50])
 
 
 @pytest.mark.parametrize("suffix", [".csv.gz", ".csv.zst"])
