@@ -33,12 +33,10 @@ def kernel(**options: Any) -> Callable[[F], F]:
 
 
 @lru_cache
-def stamp(package: Path) -> str:
+def stamp(root: Path) -> str:
     """Return what changes with any file of kernels below a folder."""
-    files = sorted(
-        p for p in package.rglob("*.py") if re.search("kernels|compiling", f"{p.parent.name} {p.stem}")
-    )
-    seen = [f"{p.relative_to(package)} {p.stat().st_mtime_ns} {p.stat().st_size}" for p in files]
+    own = sorted(p for p in root.rglob("*.py") if re.search("kernels|compiling", f"{p.parent.name} {p.stem}"))
+    seen = [f"{p.relative_to(root)} {p.stat().st_mtime_ns} {p.stat().st_size}" for p in own]
     return hashlib.sha256("\n".join(seen).encode()).hexdigest()[:16]
 
 

@@ -9,9 +9,9 @@ from fleetlog.roads.kernels.distances import forget, longer, search
 
 @kernel()
 def reachable(
-    length: Floats, next_first: Index, next_edges: Index, limit: float
+    length: Floats, next_first: Index, next_edges: Index, most: float
 ) -> tuple[Ints, Index, Floats]:
-    """Edges that start within ``limit`` metres of the end of each edge, nearest first: CSR (first, edges,
+    """Edges that start within ``most`` metres of the end of each edge, nearest first: CSR (first, edges,
     distances). Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network
     forbids, U-turns among them, are never implied."""
     n = len(length)
@@ -22,7 +22,7 @@ def reachable(
     room = len(next_edges) + n + 8
     heap_d, heap_e = np.empty(room), np.empty(room, np.int32)
     for source in range(n):
-        count = search(source, limit, next_first, next_edges, length, best, before, heap_d, heap_e, found)
+        count = search(source, most, next_first, next_edges, length, best, before, heap_d, heap_e, found)
         if used + count > size:
             size = 2 * (used + count)
             edges, distances = longer(edges, size), longer(distances, size)

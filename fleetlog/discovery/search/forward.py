@@ -69,16 +69,14 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
 
 
 def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
-    """Return the model with the best field that is there for a part of the time: over all of it, it gains
-    less by that part, and trips disagree."""
+    """Return the model with the best field of a part of the time; over all of it, trips disagree on it."""
     if not (fields := stood_out(problem, now)):
         return None
     sums = problem.sums(now.model, [*now.chosen, *fields])
     now = scored(problem, sums, now.model, now.chosen)
     shapes = [p for h in fields for p in pattern_hypotheses(problem, sums, now, h)]
     screened = screen(problem, sums, now, [*fields, *shapes])
-    worth = [s for s in screened if _significant(problem, now, s)]
-    return _best(problem, sums, now, found, screened, worth)
+    return _best(problem, sums, now, found, screened, [s for s in screened if _significant(problem, now, s)])
 
 
 def _best(
@@ -93,7 +91,7 @@ def _best(
     beside |= {h: now.chosen for h in _on_edge(problem, now) if h not in beside}
     tried = _exact(problem, sums, now, beside)
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
-    tried = [_no_better_than(now, j, slow.get(j.chosen[-1].kind)) for j in tried]
+    tried = [_no_better_than(now, j, tried, slow) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
     counting = _counting(problem, sums, now, ranked, rivals)
     first = next(counting, None)
@@ -170,11 +168,17 @@ NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
 
 
-def _no_better_than(now: Joint, joint: Joint, slow: Screened | None) -> Joint:
-    """A slow hypothesis gains no more than it does on stretches of hours that it has not seen."""
-    if slow is None or slow.gain >= now.score - joint.score:
+def _no_better_than(now: Joint, joint: Joint, tried: list[Joint], slow: dict[Hypothesis, Screened]) -> Joint:
+    """A slow hypothesis gains no more than on stretches of hours that it has not seen; numbers of the same
+    time gain less by as much: how loosely the model holds what they change is no difference between them."""
+    h = joint.chosen[-1]
+    same = [j for j in tried if h.knobs and h.scope.timed and j.chosen[-1].scope == h.scope] or [joint]
+    alike = [(now.score - j.score, slow[k]) for j in same if (k := j.chosen[-1].kind) in slow]
+    seen = max((g for g, _ in alike), default=0.0)
+    unseen = max((s for _, s in alike), key=lambda s: s.gain, default=None)
+    if unseen is None or unseen.gain >= seen:
         return joint
-    return replace(joint, score=now.score - slow.gain, losses=now.losses - slow.by_fold)
+    return replace(joint, score=joint.score + seen - unseen.gain, losses=now.losses - unseen.by_fold)
 
 
 def _candidates(problem: Problem, sums: Sums, now: Joint) -> list[Hypothesis]:
@@ -200,8 +204,7 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
     if s.gain < problem.settings.evidence or told.mean() <= problem.settings.consistency * spread:
         return False
     size = np.sqrt(max(float(s.by_fold.sum()), 0.0) / max(now.energy, 1e-12))
-    large = bool(size > 0.5 * problem.channel.model_error)
-    return large or s.hypothesis.term is not None or s.hypothesis.local
+    return size > 0.5 * problem.channel.model_error or s.hypothesis.term is not None or s.hypothesis.local
 
 
 def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) -> list[Screened]:
