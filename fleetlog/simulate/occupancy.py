@@ -130,6 +130,7 @@ class Occupancy(Untangler):
         """Let a truck go to the nearest spare bay, if there is one."""
         spare = self._spare_bay(v)
         if spare is not None:
+            self.count.made_room += 1
             self._go(v, spare, "park")
         return spare is not None
 

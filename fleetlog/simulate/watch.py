@@ -137,6 +137,7 @@ class Count:
     deadlocks: int = 0
     deadlocks_released: int = 0
     detours: int = 0
+    made_room: int = 0
     charges: int = 0
     empty: list[str] = field(default_factory=list)
 
@@ -192,8 +193,7 @@ class Untangler:
         """Routes go by the traffic: who comes to a queue takes another way if that is quicker."""
         f, ways, shut, capacity = self.fleet, self.world.ways, self._closed(), self.watch.roads.capacity
         on = np.flatnonzero((f.piece >= 0) & (f.piece < len(capacity)))
-        stands = on[f.v[on] < STANDS]
-        comes = on[f.at[on] + 2 <= f.last[on]]
+        stands, comes = on[f.v[on] < STANDS], on[f.at[on] + 2 <= f.last[on]]
         following = np.full(len(f.mode), -1)
         following[comes] = f.route[comes, f.at[comes] + 2]
         # Who waits for a single-lane aisle, or is in it, makes others wait at both of its ends.

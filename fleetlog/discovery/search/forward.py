@@ -276,11 +276,11 @@ def _on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bo
 def _at_junctions(problem: Problem, joint: Joint) -> bool:
     """Whether a field stands out beside junctions alone, as no pattern may: there it is not told from how
     they are crossed, nor from where within them another effect begins."""
-    h = joint.chosen[-1]
-    cells = problem.channel.cells(h.physics)
-    if not h.field or h.physics is None or h.physics.acts == "wait" or not isinstance(cells, Stretches):
+    term = joint.chosen[-1].physics if joint.chosen[-1].field else None
+    cells = problem.channel.cells(term) if term is not None and term.acts != "wait" else None
+    if term is None or not isinstance(cells, Stretches):
         return False
-    deviation = np.where(problem.channel.passes(h.physics) > 0, joint.model.fields[h.physics.name], 0.0)
+    deviation = np.where(problem.channel.passes(term) > 0, joint.model.fields[term.name], 0.0)
     large = np.abs(deviation) >= LARGE * np.abs(deviation).max(initial=0.0)
     ends = np.array([(r[0], r[-1] + 1) for r in cells.runs(large, np.sign(deviation))])
     return bool(cells.brief(ends[:, 0], ends[:, 1], REACH).all())

@@ -105,8 +105,7 @@ def next_safe(r: Roads, f: Fleet, v: int, at: int) -> int:
 def fills_ring(r: Roads, f: Fleet, v: int, high: int) -> bool:
     """Whether a ring of lanes is full once truck ``v`` is at position ``high`` of its route: the first
     on each waits for room on the next, and nobody could ever move again."""
-    lane, new = f.route[v, high], 1
-    at, c = high, lane
+    lane, c, new, at = f.route[v, high], f.route[v, high], 1, high
     for _ in range(len(r.clear)):
         # The last place may be too short by a hair, where there is more than one.
         if f.on[c] + f.inbound[c] + new < max(r.capacity[c] - 1, 1) or (c == f.piece[v] and new == 0):
