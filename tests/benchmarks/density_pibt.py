@@ -66,7 +66,7 @@ class Agents:
         at = np.argwhere(number >= 0)
         around = [number[at[:, 0] + dx, at[:, 1] + dy] for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))]
         self.near = [[c for c in row if c >= 0] for row in np.column_stack(around).tolist()]
-        self.cells, self.stand = len(at), stand
+        self.cells, self.stand, self._behind = len(at), stand, self.near
         self._distance: dict[int, np.ndarray] = {}
         self.where = self.rng.permutation(self.cells)[:agents].tolist()
         self.goal = self.rng.integers(self.cells, size=agents).tolist()
@@ -76,41 +76,59 @@ class Agents:
 
         self.at = at
 
+    def _ends(self, goal: int) -> list[int]:
+        """The cells at which a goal is reached."""
+        return [goal]
+
     def distance(self, goal: int) -> np.ndarray:
-        """Steps from every cell to a goal."""
+        """Steps from every cell to the nearest of a goal's."""
         if goal not in self._distance:
-            out, front = np.full(self.cells, self.cells), [goal]
-            out[goal] = 0
+            out, front = np.full(self.cells, 10**6), self._ends(goal)
+            out[front] = 0
             while front:
-                ahead = {n for c in front for n in self.near[c] if out[n] == self.cells}
-                for n in ahead:
-                    out[n] = out[front[0]] + 1
+                ahead = {n: out[c] + 1 for c in front for n in self._behind[c] if out[n] == 10**6}
+                for n, far in ahead.items():
+                    out[n] = far
                 front = list(ahead)
             self._distance[goal] = out
         return self._distance[goal]
 
     def step(self) -> None:
-        """Everyone goes on by a cell at most; who is at its goal leaves the road to stand beside it."""
+        """Everyone goes on by a cell at most; who is done leaves the road to stand beside it."""
         self.away = np.maximum(self.away - 1, 0)
         taken = {c for v, c in enumerate(self.where) if self._on[v]}
         for v in np.argsort(-self.priority).tolist():
-            if not self._on[v] and self.away[v] == 0 and self.where[v] not in taken:
-                self._on[v] = True
-                taken.add(self.where[v])
+            if not self._on[v] and self.away[v] == 0:
+                self._come(v, taken)
         self._now = {self.where[v]: v for v in range(len(self.where)) if self._on[v]}
-        self._next: dict[int, int] = {}
-        self._chosen: dict[int, int] = {}
+        self._chosen = {v: self.where[v] for v in self._now.values() if self._stays(v)}
+        self._next = {cell: v for v, cell in self._chosen.items()}
         for v in np.argsort(-self.priority).tolist():
             if self._on[v] and v not in self._chosen:
                 self._choose(v, -1)
         for v, cell in self._chosen.items():
             self.where[v] = cell
             self.priority[v] += 1.0
-            if cell == self.goal[v]:
+            if self._done(v, cell):
                 self._on[v], self.away[v] = False, self.stand
                 self.arrivals += 1
                 self.priority[v] %= 1.0
-                self.goal[v] = int(self.rng.integers(self.cells))
+                self._go_on(v)
+
+    def _come(self, v: int, taken: set[int]) -> None:
+        """Back onto the road, if the cell is not ``taken``."""
+        if self.where[v] not in taken:
+            self._on[v] = True
+            taken.add(self.where[v])
+
+    def _stays(self, v: int) -> bool:
+        return False
+
+    def _done(self, v: int, cell: int) -> bool:
+        return cell == self.goal[v]
+
+    def _go_on(self, v: int) -> None:
+        self.goal[v] = int(self.rng.integers(self.cells))
 
     def _choose(self, v: int, pusher: int) -> bool:
         here, far = self.where[v], self.distance(self.goal[v])
@@ -178,51 +196,33 @@ class LaneAgents(Agents):
         self._taken.add(bay)
         return bay
 
-    def distance(self, goal: int) -> np.ndarray:
-        """Steps from every cell to the nearer door of a bay."""
-        if goal not in self._distance:
-            out, front = np.full(self.cells, 10**6), list(dict.fromkeys(self.doors[goal]))
-            out[front] = 0
-            while front:
-                ahead = {n: out[c] + 1 for c in front for n in self._behind[c] if out[n] == 10**6}
-                for n, far in ahead.items():
-                    out[n] = far
-                front = list(ahead)
-            self._distance[goal] = out
-        return self._distance[goal]
+    def _ends(self, goal: int) -> list[int]:
+        """The cells of the doors of a bay."""
+        return list(dict.fromkeys(self.doors[goal]))
 
-    def step(self) -> None:
-        """Everyone goes on by a cell at most; who turns in or out stays on its cell meanwhile."""
-        self.away = np.maximum(self.away - 1, 0)
-        taken = {c for v, c in enumerate(self.where) if self._on[v]}
-        for v in np.argsort(-self.priority).tolist():
-            if not self._on[v] and self.away[v] == 0:
-                far = self.distance(self.goal[v])
-                out = min(self.doors[self.bay[v]], key=lambda c: far[c])
-                if out not in taken:
-                    self._on[v], self._turns_in[v], self._busy[v] = True, False, self._manoeuvre
-                    self.where[v] = out
-                    taken.add(out)
-                    self._taken.discard(self.bay[v])
-        self._now = {self.where[v]: v for v in range(len(self.where)) if self._on[v]}
-        busy = [v for v in self._now.values() if self._busy[v] > 0]
-        self._chosen = {v: self.where[v] for v in busy}
-        self._next = {self.where[v]: v for v in busy}
-        for v in np.argsort(-self.priority).tolist():
-            if self._on[v] and v not in self._chosen:
-                self._choose(v, -1)
-        for v, cell in self._chosen.items():
-            self.where[v] = cell
-            self.priority[v] += 1.0
-            if self._busy[v] > 0:
-                self._busy[v] -= 1
-                if self._busy[v] == 0 and self._turns_in[v]:
-                    self._on[v], self.away[v] = False, self.stand
-                    self.arrivals += 1
-                    self.priority[v] %= 1.0
-                    self.bay[v], self.goal[v] = self.goal[v], self._draw()
-            elif cell in self.doors[self.goal[v]]:
-                self._turns_in[v], self._busy[v] = True, self._manoeuvre
+    def _come(self, v: int, taken: set[int]) -> None:
+        far = self.distance(self.goal[v])
+        out = min(self.doors[self.bay[v]], key=lambda c: far[c])
+        if out not in taken:
+            self._on[v], self._turns_in[v], self._busy[v] = True, False, self._manoeuvre
+            self.where[v] = out
+            taken.add(out)
+            self._taken.discard(self.bay[v])
+
+    def _stays(self, v: int) -> bool:
+        """Who turns in or out keeps its cell meanwhile."""
+        return self._busy[v] > 0
+
+    def _done(self, v: int, cell: int) -> bool:
+        if self._busy[v] > 0:
+            self._busy[v] -= 1
+            return self._busy[v] == 0 and self._turns_in[v]
+        if cell in self.doors[self.goal[v]]:
+            self._turns_in[v], self._busy[v] = True, self._manoeuvre
+        return False
+
+    def _go_on(self, v: int) -> None:
+        self.bay[v], self.goal[v] = self.goal[v], self._draw()
 
     def _may_follow(self, here: int, cell: int, onward: int) -> bool:
         return onward == cell or bool(
