@@ -1,6 +1,6 @@
 """The whole algorithm on one screen: what physics a recording has that the model has not."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,14 +12,14 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.choose import CHANNELS, ROWS, channel_of, present
 from fleetlog.discovery.explain import Explained, explain
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.fleet import Fleet, absences, read_fleet
+from fleetlog.discovery.recording.fleet import COLUMNS, Fleet, absences, read_fleet
 from fleetlog.discovery.recording.sensors import Fault, examine
 from fleetlog.discovery.recording.splits import Kind, Split, make_split, passed_once
 from fleetlog.discovery.report.finding import Verdict
 from fleetlog.discovery.report.others import of_fault
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.settings import SETTINGS, Settings
-from fleetlog.errors import DataError, nearest
+from fleetlog.errors import ArgumentError, DataError, nearest
 from fleetlog.physics.power import all_terms
 from fleetlog.store import Dataset
 
@@ -36,8 +36,9 @@ class Diagnosis:
 
 def diagnose(
     dataset: Dataset, truck: Truck, *, site: Site | None = None, channels: Sequence[str] = (),
-    terms: Sequence[str] = (), holdout: Kind = "trips", against: Dataset | None = None, seed: int = 0,
-    settings: Settings = SETTINGS, progress: Callable[[str], None] = lambda _: None,
+    terms: Sequence[str] = (), without: Sequence[str] = (), holdout: Kind = "trips",
+    against: Dataset | None = None, seed: int = 0, settings: Settings = SETTINGS,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:  # fmt: skip
     """Say where recording and model differ, and what was left out.
 
@@ -47,23 +48,26 @@ def diagnose(
     truck : the nominal truck.
     site : in place of the one that the dataset was made with.
     channels, terms : restrict what is looked at, and what may be named; all by default.
+    without : columns of the recording that are withheld.
     holdout : ``trips``, ``vehicles`` or ``days``: what nothing but the final scores reads.
     against : a simulated dataset; what its own rows show beyond the nominal truck is then part of the model.
 
     Raises
     ------
-    DataError
-        Where no channel can be judged, or a name is unknown.
+    DataError, ArgumentError
+        Where no channel can be judged; where a name is unknown.
     """
-    _check(channels, CHANNELS, "channel")
-    _check(terms, all_terms(), "term")
+    asked = {"channels": (channels, CHANNELS), "terms": (terms, all_terms()), "without": (without, COLUMNS)}
+    for option, (names, known) in asked.items():
+        for name in (n for n in names if n not in known):
+            raise ArgumentError(f"unknown {name!r}", option=f"--{option}", do=nearest(name, known))
     base = Model(truck)
     if against is not None:
         progress("simulation")
         base = diagnose(against, truck, site=site, settings=settings).found
 
     progress("reading")
-    fleet = read_fleet(dataset, truck, site)
+    fleet = read_fleet(dataset, truck, site, without)
     split = _split(fleet, holdout, settings, seed)
     progress("sensors")
     fleet, faults = examine(fleet, split, tuple(terms))
@@ -116,10 +120,3 @@ def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault])
     adjustments = [a for e in explained.values() for a in e.adjustments]
     notes = absences(fleet, once) + [n for e in explained.values() for n in e.problem.channel.notes]
     return Verdict([e.fit for e in explained.values()], order, adjustments, unexplained, notes)
-
-
-def _check(given: Sequence[str], known: Iterable[str], what: str) -> None:
-    names = list(known)
-    for name in given:
-        if name not in names:
-            raise DataError(f"unknown {what} {name!r}", do=nearest(name, names))

@@ -14,7 +14,7 @@ from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.report import fields, others, words
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Finding, Parameter, interval
-from fleetlog.discovery.search.forward import Search, search
+from fleetlog.discovery.search.forward import Search, on_bound, search
 from fleetlog.discovery.search.joint import Joint, covariance, errors, refit
 from fleetlog.discovery.search.judge import judge, strongest
 from fleetlog.discovery.search.problem import Problem
@@ -53,9 +53,14 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
     kept = [h for h in found.joint.chosen if h.term is not None]
     # What is written holds no free curve; the corrections beside it are fitted without one, too.
     final = refit(problem, found.joint.model, kept)
+    # A number may only be plausible beside a curve: it is not told then.
+    while beyond := [h for h in kept if h.knobs and on_bound(problem, final, h)]:
+        kept = [h for h in kept if h not in beyond]
+        final = refit(problem, found.joint.model.without({k for h in beyond for k in h.knobs}, set()), kept)
     known = covariance(problem, final)
     numbers = _numbers(final, errors(known))
-    told = [h for h in found.joint.chosen if not _within_tolerance(base, numbers, h)]
+    chosen = [h for h in found.joint.chosen if h.term is None or h in kept]
+    told = [h for h in chosen if not _within_tolerance(base, numbers, h)]
     before = refit(problem, base, [h for h in kept if h not in told])
     named = [h for h in kept if h in told]
     beside = {h: refit(problem, final.model, [*kept, h], steps=1) for h in told if h.term is None}

@@ -10,7 +10,7 @@ from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import DatasetLike, PathLike, SiteLike, TruckLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Names, Seed
-from fleetlog.errors import EXIT_DONE, EXIT_INPUT, ArgumentError, nearest
+from fleetlog.errors import EXIT_DONE, EXIT_INPUT
 from fleetlog.listening import notice, progress
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 def diagnose(
     dataset: DatasetLike, *, truck: TruckLike, site: SiteLike | None = None,
     against: DatasetLike | None = None, channels: Names = (), terms: Names = (),
-    holdout: Literal["trips", "vehicles", "days"] = "trips", gate: bool = False, seed: Seed = 0,
-    output: PathLike | None = None, overwrite: bool = False,
+    without: Names = (), holdout: Literal["trips", "vehicles", "days"] = "trips", gate: bool = False,
+    seed: Seed = 0, output: PathLike | None = None, overwrite: bool = False,
 ) -> Answer:  # fmt: skip
     """Find where the recording DATASET and the model differ, and what physics the model leaves out.
 
@@ -38,21 +38,16 @@ def diagnose(
     against : simulated dataset to compare with, in place of the nominal model alone.
     channels : channels to judge, comma-separated: battery_power, soc, speed; all by default.
     terms : terms that may be named, comma-separated; all by default.
+    without : columns to withhold, comma-separated, z for one: what they explain is looked for.
     holdout : what is held out of the search, and judges its result.
     gate : exit with 0 only if every channel was judged and nothing is missing.
     seed : seed of the cross-validation splits.
     output : folder to write.
     """
-    from fleetlog.discovery.channels.choose import CHANNELS
     from fleetlog.discovery.diagnose import diagnose as diagnosed
     from fleetlog.discovery.report.output import as_result, write_diagnosis
-    from fleetlog.physics.power import all_terms
     from fleetlog.report.diagnosis import diagnosis_page
     from fleetlog.view.results import write_result_recording
-
-    for option, names, known in (("channels", channels, CHANNELS), ("terms", terms, all_terms())):
-        for name in (n for n in names if n not in known):
-            raise ArgumentError(f"unknown {name!r}", option=f"--{option}", do=nearest(name, known))
 
     def write(folder: Path) -> None:
         write_diagnosis(found, folder)
@@ -65,7 +60,7 @@ def diagnose(
     with destination(output, "diagnosis", overwrite, (dataset, truck, site, against)) as keep:
         found = diagnosed(
             recording, nominal, site=given, against=simulated, channels=channels, terms=terms,
-            holdout=holdout, seed=seed, progress=lambda step: progress(step, 0.0),
+            without=without, holdout=holdout, seed=seed, progress=lambda step: progress(step, 0.0),
         )  # fmt: skip
         place = given or recording.site
         shut = [f"{name} could not be judged" for name in unjudged(found.verdict, channels)]

@@ -1,7 +1,7 @@
 """The recording in memory: one trajectory per vehicle and day, and what it lacks."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -151,12 +151,15 @@ class Fleet:
         return float(np.median([np.median(np.diff(t.time)) for _, t in self.days if len(t) > 2])) * 1e-6
 
 
-def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Fleet:
-    """Return the columns that matter here, vehicle-day by vehicle-day."""
+def read_fleet(
+    dataset: Dataset, truck: Truck, site: Site | None = None, without: Collection[str] = ()
+) -> Fleet:
+    """Return the columns that matter here, but for some, vehicle-day by vehicle-day."""
+    columns = [c for c in COLUMNS if c not in without]
     network = (site or dataset.site).network
     days, vehicles = [], tuple(dataset.vehicles)
     for (v, vehicle), date in itertools.product(enumerate(vehicles), dataset.dates):
-        trajectory = dataset.read(vehicle, date, COLUMNS)
+        trajectory = dataset.read(vehicle, date, columns)
         if len(trajectory) >= FEWEST_ROWS and (trajectory.has("speed") or trajectory.has("x")):
             days.append((v, measured_channels(trajectory, dataset.meta)))
     if not days:

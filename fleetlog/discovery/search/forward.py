@@ -112,7 +112,7 @@ def _counting(
     """Yield what may be added to the model, in the order in which it may; ``rivals`` may not."""
     worth = [j for j in ranked if j.chosen[-1] not in rivals]
     for joint in _by_simplicity(problem, worth):
-        if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
+        if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
         if _at_junctions(problem, joint):
             continue
@@ -149,7 +149,7 @@ def _timed(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> t
         return joint, ranked
     others = [_in_its_time(problem, now, j) or j for j in ranked if j is not joint]
     ranked = sorted([timed, *others], key=lambda j: j.score)
-    likely = [j for j in ranked if j.chosen[-1].when.timed and not _on_bound(problem, j)]
+    likely = [j for j in ranked if j.chosen[-1].when.timed and not on_bound(problem, j)]
     return next(iter(_by_simplicity(problem, likely)), timed), ranked
 
 
@@ -259,7 +259,7 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
     return sorted(ranked, key=order)
 
 
-def _on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bool:
+def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bool:
     """Whether a hypothesis, by default the last, needs an implausible number."""
     h = h or joint.chosen[-1]
     pairs = zip(joint.design.atoms, joint.fitted.beta, strict=True)
@@ -322,7 +322,7 @@ def _pruned(problem: Problem, found: Search) -> Search:
     while len(found.joint.chosen) > 1 or any(_singles(h) for h in found.joint.chosen):
         shorter = {h: _shorter(problem, found, h) for h in found.joint.chosen}
         best = min(shorter.values(), key=lambda j: j.score)
-        bound = [j for h, j in shorter.items() if _on_bound(problem, found.joint, h)]
+        bound = [j for h, j in shorter.items() if on_bound(problem, found.joint, h)]
         if best.score - found.joint.score > problem.settings.evidence and not bound:
             break
         found.joint = min(bound or [best], key=lambda j: j.score)
@@ -342,7 +342,7 @@ def _shorter(problem: Problem, found: Search, h: Hypothesis) -> Joint:
         found.rivals[part.kind] = found.rivals.get(h.kind, [])
         model = found.joint.model.without({*h.knobs} - {*part.knobs}, set())
         left = refit(problem, model, [part if c is h else c for c in found.joint.chosen], 2)
-        tried += [left] if not tried or not _on_bound(problem, left, part) else []
+        tried += [left] if not tried or not on_bound(problem, left, part) else []
     return min(tried, key=lambda j: j.score)
 
 
