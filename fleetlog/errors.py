@@ -9,8 +9,7 @@
     ├── DataError                     the files are well formed, the data cannot carry the question
     └── OutputError                   the result cannot be written where it was asked for
 
-``fleetlog.cli.main`` is the one place that turns these into a line on standard error.
-"""
+``fleetlog.cli.main`` is the one place that turns these into a line on standard error."""
 
 import difflib
 from collections.abc import Iterable

@@ -142,9 +142,8 @@ def _values(problem: Problem, joint: Joint, known: Floats, h: Hypothesis) -> Val
     cells = problem.channel.cells(h.physics)
     basis = np.column_stack([p.weights for p in h.patterns]) if h.patterns else cells.root
     inner = known[np.ix_(own, own)]
-    error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, inner, basis), 0.0))
-    passes, widening = problem.channel.passes(h.physics), problem.settings.widening
-    return Values(joint.model.fields[h.term], error, passes, basis, inner, widening)
+    passes = problem.channel.passes(h.physics)
+    return Values(joint.model.fields[h.term], passes, basis, inner, problem.settings.widening)
 
 
 def _finding(
@@ -215,7 +214,8 @@ def _classes(problem: Problem, beside: Joint) -> dict[str, Any] | None:
     unit, error = UNIT[h.curve.mode], errors(covariance(problem, beside))[own]
     ends = np.array([-1.0, 1.0]) * NORMAL * error[:, None]
     rows = zip(h.curve.classes, unit * beside.fitted.beta[own], unit * ends, strict=True)
-    return {"trips": {name: [float(v), float(v + low), float(v + high)] for name, v, (low, high) in rows}}
+    trips = {name: [float(v), float(v + low), float(v + high)] for name, v, (low, high) in rows}
+    return {"trips": trips, "unit": "1" if h.curve.mode in ("force", "drive") else "W"}
 
 
 def _adjustment(channel: Channel, knob: Knob, n: Parameter) -> dict[str, Any]:

@@ -49,17 +49,8 @@ UNITS: tuple[Unit, ...] = (
 )  # fmt: skip
 """Definitions of the mile, foot, pound and horsepower: NIST Special Publication 811, appendix B."""
 
-_ALIASES: dict[str, str] = {
-    "kmh": "km/h", "kph": "km/h", "km_h": "km/h", "kmph": "km/h", "km_per_h": "km/h", "mps": "m/s",
-    "ms": "m/s", "m_s": "m/s", "m_per_s": "m/s", "mi/h": "mph", "kt": "kn", "kts": "kn", "knot": "kn",
-    "knots": "kn", "feet": "ft", "foot": "ft", "meter": "m", "metre": "m", "meters": "m", "metres": "m",
-    "inch": "in", "degrees": "deg", "degree": "deg", "°": "deg", "lbs": "lb", "ton": "t", "tonne": "t",
-    "watt": "W", "watts": "W", "volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "pct": "%",
-    "percent": "%", "perc": "%", "c": "degC", "°c": "degC", "celsius": "degC", "deg_c": "degC", "f": "degF",
-    "°f": "degF", "fahrenheit": "degF", "deg_f": "degF", "kelvin": "K", "w": "W", "kw": "kW", "v": "V",
-    "a": "A", "mv": "mV", "ma": "mA", "k": "K", "-": "1", "ft/s": "ft/s", "radian": "rad", "radians": "rad",
-    "degc": "degC", "degf": "degF",
-}  # fmt: skip
+_TEXT = tomllib.loads(Path(__file__).with_name("spellings.toml").read_text(encoding="utf-8"))
+_ALIASES = {alias: name for name, words in _TEXT["units"].items() for alias in words.split()}
 
 KINDS: dict[str, str] = {
     "latitude": "degrees", "longitude": "degrees", "x": "length", "y": "length", "z": "length",
@@ -98,8 +89,7 @@ def packed_minutes(values: Floats) -> Floats:
     return np.asarray(whole + (values - 100.0 * whole) / 60.0, dtype=np.float64)
 
 
-_SPELLINGS = tomllib.loads(Path(__file__).with_name("spellings.toml").read_text(encoding="utf-8"))
-_BY_SPELLING = {s: name for name, words in _SPELLINGS.items() for s in [name, *words.split()]}
+_BY_SPELLING = {s: name for name, words in _TEXT["columns"].items() for s in [name, *words.split()]}
 _BY_SPELLING.update({n: n for n in NAMES})
 _COMPASS = frozenset(["course", "cog", "bearing", "track", "course_over_ground"])
 EPOCH_UNITS: dict[str, int] = {"s": 1_000_000, "ms": 1_000, "us": 1, "ns": -1_000}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
@@ -13,27 +14,32 @@ from hypothesis import strategies as st
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Edge, build_network, reversed_edge
+from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Chassis, Truck
+from fleetlog.discovery.channels.choose import channel_of
 from fleetlog.discovery.channels.energy import _recorded
 from fleetlog.discovery.channels.energy_columns import Evaluation
 from fleetlog.discovery.channels.paths import kinks
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, _numbers
-from fleetlog.discovery.model import FLEET
+from fleetlog.discovery.model import FLEET, Model
 from fleetlog.discovery.recording.blocks import block, cut
-from fleetlog.discovery.recording.fleet import Fleet
+from fleetlog.discovery.recording.fleet import Fleet, read_fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
 from fleetlog.discovery.recording.turns import Turn, _map_explains, measure
+from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
 from fleetlog.discovery.search.beside import _best
 from fleetlog.discovery.search.forward import _at_junctions
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
+from fleetlog.discovery.settings import SETTINGS
 from fleetlog.physics.motion.legs import Leg
 from fleetlog.physics.power import Physics, all_terms, battery_power
+from fleetlog.store import Dataset, DatasetWriter
 
 TRUCK = Truck(Chassis(4500.0))
 
@@ -191,6 +197,50 @@ def test_squares_hold_a_vector_for_an_odd_field() -> None:
         squares.along(Motion.of(1, x=30.0, y=30.0, heading=h), values)[0] for h in (0.0, np.pi / 2, np.pi)
     )
     assert (east, north, west) == pytest.approx((0.03, 0.0, -0.03), abs=1e-12)
+
+
+def test_what_a_road_does_not_follow_widens_no_interval() -> None:
+    """One square whose slope is known to 1 % along a diagonal road, and not at all across it."""
+    road, across = np.array([1.0, 1.0]) / np.sqrt(2.0), np.array([1.0, -1.0]) / np.sqrt(2.0)
+    covariance = 0.01**2 * np.outer(road, road) + 1.0 * np.outer(across, across)
+    v = Values(0.05 * road, np.array([7, 9]), np.eye(2), covariance)
+    along = v.along(road[None, :])
+    assert along.deviation == pytest.approx([0.05])
+    assert along.error == pytest.approx([0.01])
+    assert along.samples.tolist() == [9]
+    assert v.along(across[None, :]).error == pytest.approx([1.0])
+
+
+def test_without_positions_nothing_that_follows_the_heading_is_offered() -> None:
+    def terms(track: Trajectory) -> tuple[set[str], set[str]]:
+        fleet = Fleet([(0, track)], ("T",), None, TRUCK, {}, {})
+        split = make_split("trips", fleet.trips, fleet.seconds, [0], list(fleet.dates), 5, 0.2, 0)
+        channel = channel_of("battery_power", fleet, Model(TRUCK), SETTINGS, split)
+        curves = {v for c in channel.curves() for v in c.variables}
+        return {t.name for t in channel.terms()}, curves
+
+    track = drive(3000)
+    named, curves = terms(track)
+    assert {"wind", "grade"} <= named
+    assert "heading" in curves
+    nowhere = Trajectory(
+        "T", track.time, {k: v for k, v in track.columns.items() if k not in ("x", "y", "heading")}
+    )
+    named, curves = terms(nowhere)
+    assert "rolling_resistance" in named
+    assert not {"wind", "grade"} & named
+    assert "heading" not in curves
+
+
+def test_a_withheld_column_is_not_read(tmp_path: Path) -> None:
+    track = drive().with_columns(z=np.linspace(0.0, 9.0, 600))
+    with DatasetWriter.create(tmp_path / "d", "recorded", Site("s")) as writer:
+        writer.write(track)
+    data = Dataset(tmp_path / "d")
+    slope = [
+        abs(next(read_fleet(data, TRUCK, without=w).each_block()).motion.slope).max() for w in ((), ("z",))
+    ]
+    assert slope[0] > 0.0 == slope[1]
 
 
 def turn(angle: float, speed: float, length: float, corner: float) -> Turn:

@@ -169,7 +169,7 @@ def test_a_gate_stays_shut_for_what_was_not_judged() -> None:
         "simulate --truck T --charge-below 30", "simulate --truck T --chemistry gold", "simulate --truck T --cycle x", "simulate --truck T --runs 0", "simulate --truck T --workers 1e9", "analyze density . --threshold nan",
         "analyze density . --step 0", "analyze heatmap . --cell 0", "analyze heatmap . --cell inf", "analyze stops . --min-visits 0",
         "analyze trips . --min-distance nan", "analyze chargers . -k 0", "analyze chargers . --radius nan", "analyze nothing .",
-        "diagnose . --truck T --channels smell", "diagnose . --truck T --terms magic", "export . --to cvs", "import x --rate nan",
+        "diagnose . --truck T --channels smell", "diagnose . --truck T --terms magic", "diagnose . --truck T --without smell", "export . --to cvs", "import x --rate nan",
     ],
 )  # fmt: skip
 def test_numbers_and_choices_out_of_bounds_are_wrong_usage(words: str, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Public logs with the column that explains them withheld, diagnosed, and judged against that column afterwards.
 
-    python -m tests.proofs.hidden_column tripviewer|twizy|borealtc DATA OUT
+    python -m tests.proofs.hidden_column tripviewer|twizy|borealtc|bike|escooter[-uneven|-fifth|-half] DATA OUT
 
 DATA is the folder of public logs (docs/proof.md says where they come from).  The altitude, or the surface, is never
 written into the dataset that ``fleetlog diagnose`` reads; this script alone looks at it, at the end.
@@ -20,12 +20,14 @@ from fleetlog.discovery.report.output import lines, write_diagnosis
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.trips import trip_ids
 from tests.proofs.hidden_judges import by_altitude, by_surface, classes, profiles
-from tests.proofs.public_logs import READERS, Log
+from tests.proofs.public_logs import READERS, Log, poorer
 
 
 def run(name: str, data: Path, out: Path) -> tuple[Diagnosis, Log]:
     """Write the dataset without the column, and diagnose it."""
-    log = READERS[name](data)
+    kind, _, lack = name.partition("-")
+    log = READERS[kind](data)
+    log = poorer(log, lack) if lack else log
     out.mkdir(parents=True, exist_ok=True)
     with DatasetWriter.create(
         out / f"{name}_data", "recorded", Site(name, log.frame), overwrite=True
@@ -37,7 +39,8 @@ def run(name: str, data: Path, out: Path) -> tuple[Diagnosis, Log]:
 
 def judged(d: Diagnosis, log: Log) -> dict[str, Any]:
     """The agreement of what was found with what was withheld."""
-    return by_surface(classes(d, log)) if log.labels else by_altitude(profiles(d, log))
+    found = any("grade" in c.fields for c in d.channels.values())
+    return by_surface(classes(d, log)) if log.labels else by_altitude(profiles(d, log)) if found else {}
 
 
 def main(name: str, data: Path, out: Path) -> None:
@@ -51,7 +54,7 @@ def main(name: str, data: Path, out: Path) -> None:
     folder.mkdir(exist_ok=True)
     write_diagnosis(d, folder)
     verdict = judged(d, log)
-    draw(name, d, log, out / f"{name}.png")
+    draw(name.partition("-")[0], d, log, out / f"{name}.png")
     print("\n".join(lines(d)))
     print(json.dumps(verdict, indent=1))
     print(f"{seconds:.0f} CPU seconds; pictures and report in {out}")

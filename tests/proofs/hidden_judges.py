@@ -44,13 +44,14 @@ class Profile:
 
 @dataclass(frozen=True)
 class Class:
-    """One trip: its label, and the resistance found of its own with its interval, as shares of the weight."""
+    """One trip: its label, and what was found of its own with its interval: a share of the weight ("1"), or W."""
 
     label: str
     value: float
     low: float
     high: float
     metres: float
+    unit: str
 
 
 def travelled(track: Trajectory) -> Floats:
@@ -104,7 +105,9 @@ def _profile(track: Trajectory, altitude: Floats, cells: Squares, values: Values
     way = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     known = number >= 0
     slope = np.where(known, (values.deviation.reshape(-1, 2)[number] * way).sum(axis=1), np.nan)
-    spread = np.where(known, np.sqrt(((values.error.reshape(-1, 2)[number] * way) ** 2).sum(axis=1)), np.nan)
+    pairs = values.basis.reshape(len(cells), 2, -1)
+    square = pairs @ values.covariance @ pairs.transpose(0, 2, 1)
+    spread = np.where(known, np.sqrt(np.einsum("ni,nij,nj->n", way, square[number], way)), np.nan)
     size = int(PIECE / STEP)
     count = (len(s) - 1) // size
     grid = slice(0, count * size)
@@ -163,7 +166,8 @@ def classes(d: Diagnosis, log: Log) -> list[Class]:
     for name, (value, low, high) in finding.when["trips"].items():
         rows = trip == int(name)
         label = log.labels[int(np.median(log.withheld[rows]))]
-        out.append(Class(label, value, low, high, float(step[rows & short].sum())))
+        metres = float(step[rows & short].sum())
+        out.append(Class(label, value, low, high, metres, finding.when["unit"]))
     return out
 
 

@@ -106,7 +106,11 @@ def _surfaces(figure: Figure, found: list[Class]) -> None:
             label="mean of the surface" if row == 0 else None,
         )
     axes.set_yticks(range(len(names)), [f"{n.replace('_', ' ').lower()}" for n in names])
-    axes.set_xlabel("resistance found beyond the model's, as a share of the weight [1]")
+    what = {"1": "resistance found beyond the model's, as a share of the weight [1]"}
+    axes.set_xlabel(what.get(found[0].unit, "power found beyond the model's [W]"))
+    # A trip of which every part was held out may have anything: its interval runs out of the picture.
+    values = [c.value for c in found]
+    axes.set_xlim(*(v + 0.4 * np.ptp(values) * side for v, side in ((min(values), -1), (max(values), 1))))
     axes.set_ylabel("withheld: surface")
     axes.spines["left"].set_visible(False)
     axes.tick_params(axis="y", length=0)

@@ -7,7 +7,7 @@ coefficient, which is the median of all its driving.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from fleetlog.core.site import Frame
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck, truck_from_dict
+from fleetlog.store.trips import trip_ids
 
 Floats = NDArray[np.float64]
 
@@ -49,6 +50,16 @@ HUSKY = {
     "name": "skid-steer robot", "chassis": {"mass": 75.0, "rated_load": 0.0}, "drive": {"efficiency": 1.0, "regeneration": 0.0, "max_speed": 1.0},
     "auxiliary": {"power": 0.0}, "battery": {"voltage": 24.0, "capacity_wh": 480.0},
 }  # fmt: skip
+# A road bicycle and its rider, 84 kg: textbook rolling and drag; a chain returns nothing.
+BICYCLE = truck_from_dict({
+    "name": "bicycle", "chassis": {"mass": 84.0, "rated_load": 0.0}, "drive": {"efficiency": 0.98, "regeneration": 0.0, "max_speed": 22.0},
+    "resistance": {"rolling": 0.005, "drag_area": 0.35}, "auxiliary": {"power": 0.0}, "battery": {"voltage": 36.0, "capacity_wh": 500.0},
+})  # fmt: skip
+# An e-scooter of 20 kg and its rider, 36 V, 460 Wh.
+SCOOTER = truck_from_dict({
+    "name": "e-scooter", "chassis": {"mass": 105.0, "rated_load": 0.0}, "drive": {"efficiency": 0.75, "regeneration": 0.0, "max_speed": 8.0},
+    "resistance": {"rolling": 0.012, "drag_area": 0.6}, "auxiliary": {"power": 5.0}, "battery": {"voltage": 36.0, "capacity_wh": 460.0},
+})  # fmt: skip
 STRAIGHT = 0.05
 """Difference of the wheels' speeds at which a robot that steers by it drives straight [m/s]."""
 SLOWEST = 0.1
@@ -119,7 +130,48 @@ def borealtc(data: Path) -> Log:
     return Log(track, code.astype(float), truck, labels=tuple(labels))
 
 
-READERS = {"tripviewer": tripviewer, "twizy": twizy, "borealtc": borealtc}
+def bike(data: Path) -> Log:
+    """Four rides with a power meter at 1 Hz, no position; withheld is the slope [1], which is no altitude."""
+    t = pd.read_csv(data / "bike" / "bike_rides.csv.gz").drop_duplicates("timestamp")
+    time = pd.to_datetime(t.timestamp, utc=True).astype("datetime64[us, UTC]").astype(np.int64)
+    columns = {"speed": t.speed.to_numpy(float), "battery_power": t.power.to_numpy(float)}
+    return Log(Trajectory("bicycle", time.to_numpy(), columns), t.slope.to_numpy(float), BICYCLE)
+
+
+def escooter(data: Path) -> Log:
+    """Thirty trips about one campus, a row every 12 s, energy from a state of charge in whole per cent."""
+    runs = [pd.read_csv(file) for file in sorted((data / "escooter").glob("trip_*.csv"))]
+    t = pd.concat(runs).assign(
+        us=lambda t: pd.to_datetime(t.Timestamp, utc=True).astype("datetime64[us, UTC]")
+    )
+    t = t.assign(lat=pd.to_numeric(t.Latitude, errors="coerce")).dropna(subset="lat")
+    t = t.sort_values("us").drop_duplicates("us")
+    frame = Frame(float(t.lat.mean()), float(t.Longitude.mean()))
+    x, y = frame.to_local(t.lat.to_numpy(), t.Longitude.to_numpy())
+    columns = _moving(x, y, t.Speed.to_numpy(float) / 3.6) | {"soc": t.SoC.to_numpy(float) / 100.0}
+    track = Trajectory("escooter", t.us.astype(np.int64).to_numpy(), columns)
+    return Log(track, t.Altitude.to_numpy(float), SCOOTER, frame)
+
+
+READERS = {f.__name__: f for f in (tripviewer, twizy, borealtc, bike, escooter)}
+
+
+def poorer(log: Log, lack: str) -> Log:
+    """A log as a poorer recorder has it: ``uneven`` (3 to 7 s between rows, or every row or every second where
+    rows are 5 s apart), ``fifth`` (every fifth row) or ``half`` (every second trip; of one trip, the first half)."""
+    rng, time = np.random.default_rng(0), log.track.time
+    trips = log.track.trip_ids() if log.track.has("trip_id") else trip_ids(log.track)
+    if lack == "fifth":
+        rows = np.arange(0, len(time), 5)
+    elif lack == "half":
+        several = len(np.unique(trips)) > 1
+        rows = np.flatnonzero(trips % 2 == 0) if several else np.arange(len(time) // 2)
+    else:
+        step = float(np.median(np.diff(time))) * 1e-6
+        most = max(2, round(7.0 / step))
+        rows = np.cumsum(rng.integers(max(1, round(3.0 / step)), most, len(time), endpoint=most > 2))
+        rows = rows[rows < len(time)]
+    return replace(log, track=log.track[rows], withheld=log.withheld[rows])
 
 
 def leafspy(path: Path) -> pd.DataFrame:

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fleetlog.discovery.diagnose import Diagnosis
 from fleetlog.discovery.report.finding import ChannelFit, Finding
 from tests.proofs.hidden_column import judged, run
+from tests.proofs.hidden_judges import classes
 from tests.proofs.public_logs import Log
 
 Diagnosed = Callable[[str], tuple[Diagnosis, Log]]
@@ -94,6 +96,39 @@ def test_floors_are_told_apart_by_their_resistance(diagnosed: Diagnosed) -> None
     assert set(list(mean)[:2]) == {"FLOORING", "ICE"}
     assert mean["SNOW"] > mean["SANDY_LOAM"] + 0.03 > mean["ASPHALT"] + 0.04
     assert against["variance_between_surfaces"] > 0.6
+
+
+def test_what_was_found_of_each_trip_is_known_well_enough_to_tell_surfaces_apart(
+    diagnosed: Diagnosed,
+) -> None:
+    d, log = diagnosed("borealtc")
+    trips = classes(d, log)
+    snow, hall = ([c for c in trips if c.label == label] for label in ("SNOW", "FLOORING"))
+    usual = float(np.median([c.value for c in hall]))
+    assert np.mean([c.low > usual for c in snow]) > 0.5
+
+
+@pytest.mark.parametrize("name", ["bike", "bike-half", "bike-fifth", "bike-uneven"])
+def test_a_rider_who_chooses_the_power_is_not_taken_for_physics(diagnosed: Diagnosed, name: str) -> None:
+    d, _ = diagnosed(name)
+    assert {f.term for f in d.verdict.findings} == {"unknown"}
+    assert "speed" in {v for f in d.verdict.findings for v in f.depends_on}
+
+
+@pytest.mark.parametrize("name", ["escooter", "tripviewer-half", "tripviewer-fifth"])
+def test_what_is_too_short_is_not_judged(diagnosed: Diagnosed, name: str) -> None:
+    d, _ = diagnosed(name)
+    assert not d.verdict.findings
+    assert all("windows can be used" in str(c.reason) for c in d.verdict.channels)
+
+
+@pytest.mark.parametrize("name", ["tripviewer-uneven", "twizy-uneven", "twizy-fifth"])
+def test_slopes_are_found_in_poorer_logs(diagnosed: Diagnosed, name: str) -> None:
+    d, log = diagnosed(name)
+    assert {f.term for f in d.verdict.findings} == {"grade", "unknown"}
+    against = judged(d, log)
+    assert against["correlation"] > 0.8
+    assert against["in_interval"] > 0.9
 
 
 def test_floors_are_told_apart_by_the_trip_alone(diagnosed: Diagnosed) -> None:

@@ -219,11 +219,11 @@ class EnergyChannel(Channel):
         return replace(self.places, odd=term is not None and term.odd)
 
     def terms(self) -> list[Term]:
-        """Return the terms that change the energy of this channel; without places none that has a field."""
+        """Return the terms that change the energy of this channel; without places none that follows them."""
         acting = {"loss"} if self.measured else {"force", "power", "drive", "load", "truck"}
         if self.name == "soc":
             acting.add("loss")
-        able = [t for t in all_terms().values() if self.places is not None or not t.field]
+        able = [t for t in all_terms().values() if self.places or not (t.field or "heading" in t.depends_on)]
         return [t for t in able if t.acts in acting and t.parameters]
 
     def curves(self) -> list[FreeCurve]:
@@ -231,7 +231,8 @@ class EnergyChannel(Channel):
         knots, vehicles = self.knots, len(self.fleet.vehicles)
         if self.measured:
             return charge_curves(knots, vehicles)
-        return energy_curves(knots, vehicles, len(self.fleet.dates), self.fleet.trip_names)
+        out = energy_curves(knots, vehicles, len(self.fleet.dates), self.fleet.trip_names)
+        return [c for c in out if self.places or "heading" not in c.variables]
 
     def state(self, own: Cut) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by row."""

@@ -72,8 +72,7 @@ class FreeCurve:
     vehicle) have classes.
 
     By ``mode`` it acts through the drive (``force``), on what the drive draws (``drive``), on the battery
-    (``power``), on it while the truck moves or stands (``moving``, ``still``), or on the travel ``time``.
-    """
+    (``power``), on it while the truck moves or stands (``moving``, ``still``), or on the travel ``time``."""
 
     mode: Mode
     variables: tuple[str, ...]

@@ -1,9 +1,11 @@
 """The recording in memory: one trajectory per vehicle and day, and what it lacks."""
 
 import itertools
+import tomllib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -185,46 +187,20 @@ def seldom(t: Trajectory) -> bool:
     return not few and float(np.median(np.diff(rows))) > SEVERAL
 
 
-ABSENCES = {
-    "x": "no positions: nothing is said of places, slopes, turns, speed limits or waiting",
-    "edge_id": "no road network: places are squares of the floor, and nothing is said of speed limits, "
-    "turns or waiting",
-    "payload": "no payload: where masts work, each trip may have had any load, so that nothing is said of "
-    "what looks like mass",
-    "fork_height": "no fork height: lifting is not replayed; where power jumps at standstill, standstills "
-    "are left out",
-    "payload and fork_height": "no payload and no fork height: a wait on the way cannot be told from work",
-    "ambient_temperature": "no ambient temperature: heating and cooling cannot be told from a load that "
-    "follows the hour",
-    "soc": "no state of charge: losses inside the battery stay unseen",
-    "battery_power": "no battery power: energy is read from the state of charge, whose coarse steps hide "
-    "what is short",
-}  # fmt: skip
-
-
-ONCE = (
-    "most places are passed once: kept back were pieces of road between others that were seen, and what "
-    "belongs to a place cannot be told from what belonged to that moment; drive the road again"
-)
-APART = (
-    "nothing says where the trips went, so each may have a floor of its own: kept back were parts of "
-    "trips of which other parts were seen"
-)
+NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))
+"""What a recording lacks, and what that costs, by the columns that it lacks; and what else it hides."""
 
 
 def absences(fleet: Fleet, once: bool = False) -> list[str]:
     """What the recording lacks, and what that costs; ``once`` where each place is passed once."""
-    lacks = [column for column in ABSENCES if not any(fleet.has(c) for c in column.split(" and "))]
-    out = [ABSENCES[column] for column in lacks if column != "edge_id" or "x" not in lacks]
+    lacks = [column for column in NOTES["lacks"] if not any(fleet.has(c) for c in column.split(" and "))]
+    out = [NOTES["lacks"][column] for column in lacks if column != "edge_id" or "x" not in lacks]
     if once:
-        out.append(APART if fleet.own_trips else ONCE)
+        out.append(NOTES["apart" if fleet.own_trips else "once"])
     if fleet.left_out:
         out.append(f"left out, since their logs carry no payload: {', '.join(fleet.left_out)}")
     if fleet.rarely_placed:
-        out.append(
-            "positions come on few rows: between them places are known in outline, and speed is not held "
-            "against them"
-        )
+        out.append(NOTES["rarely"])
     if len({v for v, _ in fleet.days}) == 1:
-        out.append("one vehicle: what is wrong with it cannot be told from what is wrong with its kind")
+        out.append(NOTES["alone"])
     return out

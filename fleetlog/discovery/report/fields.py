@@ -1,6 +1,6 @@
 """A field found, as places: which stretches stand out, merged along their roads, with intervals."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,15 +20,29 @@ DRAWS = 400  # Of the field, for what picking the largest of its values costs
 
 @dataclass(frozen=True)
 class Values:
-    """A fitted field: ``deviation`` and ``error`` of its coordinate by value of the cells, ``samples``
-    windows behind each. ``basis`` (C, k) and ``covariance`` (k, k) of its coefficients."""
+    """A fitted field: ``deviation`` (C,) of its coordinate by value of the cells, ``samples`` windows behind
+    each, ``basis`` (C, k) and ``covariance`` (k, k) of its coefficients."""
 
     deviation: Floats
-    error: Floats
     samples: Ints
     basis: Floats
     covariance: Floats
     widening: float = 1.0  # Of the standard errors that these hold
+
+    @property
+    def error(self) -> Floats:
+        """The standard error of every value, (C,)."""
+        square = (self.basis @ self.covariance * self.basis).sum(axis=1)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)), dtype=np.float64)
+
+    def along(self, way: Floats) -> "Values":
+        """Return a field of vectors as its part along directions, (C, 2) unit vectors: what roads do not
+        follow is unknown, and no part of it."""
+        basis = np.einsum("ij,ijk->ik", way, self.basis.reshape(len(way), 2, -1))
+        deviation = (self.deviation.reshape(-1, 2) * way).sum(axis=1)
+        return replace(
+            self, deviation=deviation, samples=self.samples.reshape(-1, 2).max(axis=1), basis=basis
+        )
 
 
 def large(v: Values) -> Mask:
@@ -43,12 +57,15 @@ def large(v: Values) -> Mask:
 
 def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, Any] | None, list[Parameter]]:
     """Return where a field stands out (the contract's ``where``), and its size there as a number."""
+    if v.deviation.size > len(cells):  # Vectors: their length, in their direction
+        way = v.deviation.reshape(-1, 2)
+        v = v.along(way / np.maximum(np.hypot(*way.T), 1e-12)[:, None])
     mask = large(v)
     even = bool(h.patterns) and not any(" m" in p.label for p in h.patterns)
     if not mask.any():
         mask = np.abs(v.deviation) >= LARGE * float(np.abs(v.deviation).max(initial=0.0))
     rows = _merged(cells, v, mask, term) if isinstance(cells, Stretches) else []
-    where = {"edges": rows, "extent": extent(cells.middle[mask.reshape(len(cells), -1).any(axis=1)])}
+    where = {"edges": rows, "extent": extent(cells.middle[mask])}
     return (None if even and not rows else where), [_size(cells, v, mask, term)]
 
 
@@ -120,13 +137,15 @@ def as_field(cells: Cells, v: Values, term: Term) -> Field:
             np.minimum(low, high), np.maximum(low, high), v.samples[known],
         )  # fmt: skip
     assert isinstance(cells, Squares)
-    turns = np.arange(8) * np.pi / 4.0 if term.odd else np.zeros(1)
-    weight = np.stack([np.cos(turns), np.sin(turns)]) if term.odd else np.ones((1, 1))
-    value = first.neutral + (v.deviation.reshape(len(cells), -1) @ weight).T.ravel()
-    half = NORMAL * np.sqrt(v.error.reshape(len(cells), -1) ** 2 @ weight**2).T.ravel()
+    turns = np.angle(np.exp(0.25j * np.pi * np.arange(8 if term.odd else 1)))
+    ways = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    parts = [v.along(np.tile(way, (len(cells), 1))) for way in ways] if term.odd else [v]
+    value, error, samples = (
+        np.concatenate([getattr(p, n) for p in parts]) for n in ("deviation", "error", "samples")
+    )
+    value, half = first.neutral + value, NORMAL * error
     x, y = np.tile(cells.middle, (len(turns), 1)).T
-    heading = np.repeat(np.angle(np.exp(1j * turns)), len(cells))
-    samples = np.tile(v.samples.reshape(len(cells), -1).max(axis=1), len(turns))
+    heading = np.repeat(turns, len(cells))
     nothing, side = np.zeros(len(value)), np.full(len(value), cells.side)
     edge = np.full(len(value), -1, np.int32)
     return Field(edge, x, y, heading, nothing, side, value, value - half, value + half, samples)

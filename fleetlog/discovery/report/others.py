@@ -48,8 +48,7 @@ def of_lost(lost: Lost, channel: Channel, errors: Errors) -> Finding:
 def values(lost: Lost) -> Values:
     """Return the share of the time lost by stretch of lane, for pictures and files."""
     time = np.maximum(lost.time, 1e-9)
-    nothing = np.zeros((len(time), 0))
-    return Values(lost.lost / time, lost.spread / time, lost.passages, nothing, np.zeros((0, 0)))
+    return Values(lost.lost / time, lost.passages, np.diag(lost.spread / time), np.eye(len(time)))
 
 
 def _finding(

@@ -158,6 +158,9 @@ def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
     layout = problem.layout(joint.chosen)
     k = len(joint.design.atoms)
     gram, total, clusters, shift = np.zeros((k, k)), np.zeros((k, k)), 0, np.zeros(k)
+    # What free curves say is not in the model, and no residual.
+    curves = np.array([a.owner is not None and a.owner.term is None for a in joint.design.atoms])
+    said = np.where(curves, joint.fitted.beta, 0.0)
     for unit in problem.training():
         modelled, x = problem.channel.columns(unit, joint.model, layout.sources)
         own = joint.design.columns(x, unit.windows.vehicle)
@@ -166,7 +169,7 @@ def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
         shift += weighted.T @ (problem.channel.model_error * np.abs(modelled))
         _, which = np.unique(problem.split.unit(unit.windows), return_inverse=True)
         sums = np.zeros((int(which.max()) + 1, k))
-        np.add.at(sums, which, weighted * (unit.recorded - modelled)[:, None])
+        np.add.at(sums, which, weighted * (unit.recorded - modelled - own @ said)[:, None])
         total += sums.T @ sums
         clusters += len(sums)
     return gram, total * clusters / max(clusters - 1.0, 1.0), shift
