@@ -7,10 +7,12 @@ leaves out is described in :data:`SHARED`."""
 import inspect
 import re
 import sys
+import tomllib
 import types
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, update_wrapper
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from fleetlog import engines
@@ -19,18 +21,7 @@ from fleetlog.core.arguments import Between, Named, PartOf
 from fleetlog.errors import ArgumentError, nearest
 
 F = TypeVar("F", bound=Callable[..., Any])
-SHARED = {
-    "dataset": "A dataset: its folder; in Python also a Dataset, a Result or a DataFrame.",
-    "site": "Site file, or a road map directly.",
-    "truck": "Truck file, or name of a preset.",
-    "physics": "Physics that diagnose found: model.toml or its folder.",
-    "output": "Where to write.",
-    "overwrite": "Replace an older output.",
-    "seed": "Seed of the random numbers: the same seed gives the same bytes.",
-    "vehicle": "Only this vehicle; may be given several times.",
-    "workers": "Processes that work at once; by default one per core. The result does not depend on it.",
-    "scheduler": "Address of a Dask cluster, tcp://HOST:PORT.",
-}
+SHARED = tomllib.loads(Path(__file__).with_name("options.toml").read_text(encoding="utf-8"))
 """Options that several functions have, described once; a docstring of one's own goes first."""
 TITLE = r"\n[^\n]+\n-+\n"  # Of a section of a docstring
 REQUIRED = inspect.Parameter.empty

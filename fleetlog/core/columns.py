@@ -1,12 +1,13 @@
 """Every column of a trajectory, of which schema, checks and documentation are made."""
 
+import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 
 import pyarrow as pa
 
 HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
 """The name of a partition that Hive, and every reader of its layout, takes for null."""
-PI = 3.1415927
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,26 +24,8 @@ class Column:
     high: float | None = None
 
 
-COLUMNS: tuple[Column, ...] = (
-    Column("vehicle_id", "string", "", "identity of the vehicle; partition key"),
-    Column("timestamp", "time", "", "UTC, strictly increasing within a vehicle"),
-    Column("x", "double", "m", "cleaned position, east, in the site frame"),
-    Column("y", "double", "m", "cleaned position, north, in the site frame"),
-    Column("z", "double", "m", "cleaned position, up, in the site frame"),
-    Column("heading", "double", "rad", "direction of motion, counter-clockwise from east", -PI, PI),
-    Column("speed", "double", "m/s", "along the path", 0.0, 60.0),
-    Column("edge_id", "label", "", "directed road edge; null where no road fits"),
-    Column("edge_offset", "double", "m", "along the directed edge from its start", 0.0),
-    Column("lateral_offset", "double", "m", "measured position left (+) or right (-) of the edge"),
-    Column("trip_id", "int64", "", "counts up within a vehicle"),
-    Column("payload", "double", "kg", "load on the forks", 0.0, 100_000.0),
-    Column("fork_height", "double", "m", "height of the forks above the floor", -0.5, 30.0),
-    Column("battery_power", "double", "W", "at the battery terminals, > 0 when discharging", -1e6, 1e6),
-    Column("battery_voltage", "double", "V", "at the battery terminals", 0.0, 2000.0),
-    Column("battery_current", "double", "A", "> 0 when discharging", -5000.0, 5000.0),
-    Column("soc", "double", "1", "state of charge", 0.0, 1.0),
-    Column("ambient_temperature", "double", "degC", "of the air around the vehicle", -60.0, 80.0),
-)
+_TEXT = tomllib.loads(Path(__file__).with_name("columns.toml").read_text(encoding="utf-8"))
+COLUMNS: tuple[Column, ...] = tuple(Column(name, *column) for name, column in _TEXT.items())
 BY_NAME: dict[str, Column] = {c.name: c for c in COLUMNS}
 NAMES: tuple[str, ...] = tuple(BY_NAME)
 ARROW: dict[str, pa.DataType] = {

@@ -1,6 +1,5 @@
 """Units of logs and their way to SI; names of columns and what they mean."""
 
-import math
 import re
 import tomllib
 from dataclasses import dataclass
@@ -34,22 +33,8 @@ class Unit:
         return np.asarray(out, dtype=np.float64)
 
 
-UNITS: tuple[Unit, ...] = (
-    Unit("m/s", "speed"), Unit("km/h", "speed", 1 / 3.6), Unit("mph", "speed", 0.44704),
-    Unit("kn", "speed", 1852 / 3600), Unit("mm/s", "speed", 1e-3), Unit("ft/s", "speed", 0.3048),
-    Unit("m", "length"), Unit("mm", "length", 1e-3), Unit("cm", "length", 1e-2), Unit("km", "length", 1e3),
-    Unit("ft", "length", 0.3048), Unit("in", "length", 0.0254), Unit("deg", "angle", math.pi / 180),
-    Unit("rad", "angle"), Unit("compass_deg", "angle", math.pi / 180), Unit("deg", "degrees"),
-    Unit("ddmm", "degrees"), Unit("kg", "mass"), Unit("g", "mass", 1e-3), Unit("t", "mass", 1e3),
-    Unit("lb", "mass", 0.45359237), Unit("W", "power"), Unit("kW", "power", 1e3),
-    Unit("hp", "power", 745.6998715822702), Unit("V", "voltage"), Unit("mV", "voltage", 1e-3),
-    Unit("A", "current"), Unit("mA", "current", 1e-3), Unit("1", "share"), Unit("%", "share", 1e-2),
-    Unit("degC", "temperature"), Unit("degF", "temperature", 5 / 9, -32.0),
-    Unit("K", "temperature", 1.0, -273.15),
-)  # fmt: skip
-"""Definitions of the mile, foot, pound and horsepower: NIST Special Publication 811, appendix B."""
-
 _TEXT = tomllib.loads(Path(__file__).with_name("spellings.toml").read_text(encoding="utf-8"))
+UNITS = tuple(Unit(name, kind, *si) for kind, units in _TEXT["si"].items() for name, si in units.items())
 _ALIASES = {alias: name for name, words in _TEXT["units"].items() for alias in words.split()}
 
 KINDS: dict[str, str] = {
