@@ -121,6 +121,7 @@ def block(
     mean of the last ``mean_of`` seconds are taken together so that they say it once."""
     recipe = partial(reconstruct, trajectory, network, truck, lag, scale, load_lags=load_lags)
     r = recipe()
+    recipe = partial(recipe, noise=r.noise)  # What was measured once serves whenever it is made anew.
     time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
     power = np.zeros(len(time))
     power[r.row] = r.motion.power
