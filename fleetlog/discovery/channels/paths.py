@@ -19,7 +19,7 @@ from fleetlog.discovery.recording.conflicts import Route, hindered, on_road, rou
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.recording.turns import Turns, measure
+from fleetlog.discovery.recording.turns import Seen, Turns, measure
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 
@@ -112,7 +112,7 @@ def laid_out(fleet: Fleet, split: Split, lanes: Stretches, length: float) -> tup
     """Lay out what every vehicle drove, and measure how turns are driven where nobody is in the way."""
     out: Shelf[Laid] = Shelf(fleet.large)
 
-    def drives() -> Iterator[tuple[Leg, Floats, Mask]]:
+    def drives() -> Iterator[Seen]:
         for date in fleet.dates:
             placed = [r for r in routes(fleet, date) if not all((leg.path.edge < 0).all() for leg in r.legs)]
             for route, driven in _group(placed, fleet) if placed else ():
@@ -155,17 +155,13 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]
         first = k + 1
 
 
-def _undisturbed(
-    r: Route, drives: list[Drive], fleet: Fleet, split: Split
-) -> Iterator[tuple[Leg, Floats, Mask]]:
-    """Legs with their free speeds and the nodes that the search may look at."""
-    edge, trip, time = (
-        np.concatenate([getattr(v.leg.path, n) for v in drives]) for n in ("edge", "trip", "time")
-    )
-    use = split.rows(trip + TRIP * r.vehicle, time + r.start, r.vehicle, r.day) != HELD_OUT
+def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split) -> Iterator[Seen]:
+    """The nodes that the search may look at."""
+    path = join([v.leg.path for v in drives])
+    use = split.rows(path.trip + TRIP * r.vehicle, path.time + r.start, r.vehicle, r.day) != HELD_OUT
     use &= ~np.concatenate([v.behind | v.astray for v in drives])
     ends = np.cumsum([len(v.behind) for v in drives])[:-1]
-    parts = (np.split(values, ends) for values in (free_speed(edge, fleet), use))
+    parts = (np.split(values, ends) for values in (free_speed(path.edge, fleet), use))
     yield from zip([v.leg for v in drives], *parts, strict=True)
 
 

@@ -132,8 +132,7 @@ class TravelChannel(Channel):
     def __post_init__(self) -> None:
         network = self.fleet.network
         assert network is not None
-        if self.fleet.interval:
-            self.fleet = replace(self.fleet, interval={})
+        self.fleet = replace(self.fleet, interval={}) if self.fleet.interval else self.fleet
         self.roads, self.lanes = make_stretches(network), make_stretches(network, apart=True)
         self.metric = f"rms error of the time for {self.settings.stretch:.0f} m of path, over rms time"
         self.errors = list(ERRORS)
@@ -148,9 +147,8 @@ class TravelChannel(Channel):
         if self._kept is None:
             laid, turns = laid_out(self.fleet, self.split, self.lanes, self.settings.stretch)
             scatter, waited = self._stands(laid)
-            self._kept = Shelf(self.fleet.large)
-            for one in laid:
-                self._kept.add(self._unit(one, turns, scatter, waited))
+            units = (self._unit(one, turns, scatter, waited) for one in laid)
+            self._kept = Shelf(self.fleet.large, units)
         yield from self._kept
 
     def _stands(self, laid: Iterable[Laid]) -> tuple[Floats, Mask]:

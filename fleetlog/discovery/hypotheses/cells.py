@@ -36,7 +36,6 @@ class Cells(ABC):
     odd: bool = field(default=False, kw_only=True)  # Whether the field is odd in the direction of travel
     _roots: dict[bool, tuple[Floats, Floats]] = field(default_factory=dict, kw_only=True, compare=False)
     _last: list[tuple[Motion, Part]] = field(default_factory=list, kw_only=True, compare=False)
-    """The motion that was looked at last, and where it is: many fields are looked up along the same."""
 
     def __len__(self) -> int:
         return len(self.middle)
@@ -48,7 +47,7 @@ class Cells(ABC):
 
     def at(self, motion: Motion) -> Part:
         """(N,) cell of each sample, -1 for none, and (N,) +1 or -1: driven as counted or against."""
-        if not self._last or self._last[0][0] is not motion:
+        if not self._last or self._last[0][0] is not motion:  # Many fields are looked up along the same
             self._last[:] = [(motion, self._at(motion))]
         return self._last[0][1]
 

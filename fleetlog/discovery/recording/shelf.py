@@ -4,7 +4,7 @@ in a scratch file, so that memory does not grow with the days."""
 import io
 import mmap
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -23,10 +23,12 @@ class Shelf(Generic[T]):
     """Pieces in the order in which they were added; ``on_disk`` each is read anew when its turn comes, and of
     its arrays only what is looked at: they lie in the file as they would in memory."""
 
-    def __init__(self, on_disk: bool) -> None:
+    def __init__(self, on_disk: bool, pieces: Iterable[T] = ()) -> None:
         self._pieces: list[T] = []
         self._file: Path | None = scratch.folder() / "pieces" if on_disk else None
         self._written, self._known = list[tuple[bytes, int, list[slice]]](), dict[int, Any]()
+        for piece in pieces:
+            self.add(piece)
 
     def __del__(self) -> None:
         if self._file is not None:
@@ -45,8 +47,7 @@ class Shelf(Generic[T]):
         with self._file.open("ab") as file:
             begin = file.tell()
             for array in arrays:
-                start = file.tell() - begin
-                places.append(slice(start, start + file.write(array.raw())))
+                places.append(slice(start := file.tell() - begin, start + file.write(array.raw())))
                 file.write(bytes(-file.tell() % ALIGNED))
             file.write(bytes(-file.tell() % mmap.ALLOCATIONGRANULARITY))
         self._written.append((rest.getvalue(), begin, places))
@@ -63,8 +64,7 @@ class Shelf(Generic[T]):
         return piece
 
     def __iter__(self) -> Iterator[T]:
-        for k in range(len(self)):
-            yield self[k]
+        return map(self.__getitem__, range(len(self)))
 
 
 class _Writer(pickle.Pickler):

@@ -16,6 +16,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.legs import Leg
 
 Way = tuple[int, int]  # Edges before and behind a junction
+Seen = tuple[Leg, Floats, Mask]  # A leg with its free speed (N,) and the nodes that count (N,)
 
 FEWEST = 3  # Passages from which on a way over a junction is known
 REACH = 10.0  # Half the way on which a junction is crossed [m]
@@ -80,8 +81,8 @@ class _Pass:
     spacing: float
 
 
-def measure(drives: Iterable[tuple[Leg, Floats, Mask]], truck: Truck) -> Turns:
-    """Return the turns of legs, each with its free speed (N,) and the nodes that count (N,)."""
+def measure(drives: Iterable[Seen], truck: Truck) -> Turns:
+    """Return the turns of legs."""
     passes: dict[Way, list[_Pass]] = defaultdict(list)
     for leg, free, use in drives:
         edge = leg.path.edge
@@ -98,18 +99,14 @@ def measure(drives: Iterable[tuple[Leg, Floats, Mask]], truck: Truck) -> Turns:
 
 
 def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
-    place = leg.distance[i]
-    if place - leg.distance[0] < CLEAR or leg.distance[-1] - place < CLEAR:
+    d, place = leg.distance, leg.distance[i]
+    near = slice(np.searchsorted(d, place - REACH, side="right"), np.searchsorted(d, place + REACH))
+    if min(place - d[0], d[-1] - place) < CLEAR or not use[near].all():
         return None
-    first = np.searchsorted(leg.distance, place - REACH, side="right")
-    near = slice(first, np.searchsorted(leg.distance, place + REACH))
-    if not use[near].all():
-        return None
-    s, x, y, speed = leg.distance[near] - place, leg.path.x[near], leg.path.y[near], leg.path.speed[near]
-    course = np.unwrap(np.arctan2(y[4:] - y[:-4], x[4:] - x[:-4]))
-    at = s[2:-2]
+    s, x, y, speed = d[near] - place, leg.path.x[near], leg.path.y[near], leg.path.speed[near]
+    turned = np.diff(np.unwrap(np.arctan2(y[4:] - y[:-4], x[4:] - x[:-4])))
     curvature = float(np.abs(leg.path.curvature[near]).max())
-    turned, middle = np.diff(course), 0.5 * (at[1:] + at[:-1])
+    middle = 0.5 * (s[3:-2] + s[2:-3])
     return _Pass(s, speed, float(free[near].min()), curvature, turned, middle, float(np.median(speed)))
 
 
