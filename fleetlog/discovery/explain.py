@@ -61,14 +61,17 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
     numbers = _numbers(final, errors(known))
     chosen = [h for h in found.joint.chosen if h.term is None or h in kept]
     told = [h for h in chosen if not _within_tolerance(base, numbers, h)]
-    before = refit(problem, base, [h for h in kept if h not in told])
-    named = [h for h in kept if h in told]
+    named, untold = ([h for h in kept if (h in told) == wanted] for wanted in (True, False))
+    # The strongest single hypothesis beside the base, whatever came of it: its p-value is uniform where
+    # nothing is concealed.
+    best = [h for h in (found.best_untold,) if h is not None]
+    sums = problem.sums(found.base.model, [*untold, *best]) if named or best else None
+    # Where nothing is told, there is no difference between before and after.
+    before = refit(problem, found.base.model, untold, known=sums) if named else final
     beside = {h: refit(problem, final.model, [*kept, h], steps=1) for h in told if h.term is None}
     fit, judged, rest = judge(problem, before.model, final, {h: final.without(h) for h in named}, beside)
-    if found.best_untold is not None:
-        # The strongest single hypothesis beside the base, whatever came of it: its p-value is uniform where
-        # nothing is concealed.
-        alone = refit(problem, found.base.model, [found.best_untold], steps=1)
+    if best:
+        alone = refit(problem, found.base.model, best, steps=1, known=sums)
         fit.p_value = strongest(problem, found.base, alone)
     values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
     findings = []

@@ -28,12 +28,12 @@ class Scope:
     @property
     def whole(self) -> bool:
         """Whether it is the fleet, always."""
-        return self == FLEET
+        return self is FLEET or self == FLEET
 
     @property
     def timed(self) -> bool:
         """Whether it is a part of the time only."""
-        return bool(np.isfinite(self.begin) or np.isfinite(self.until))
+        return self.begin > -np.inf or self.until < np.inf
 
     @property
     def one(self) -> int | None:
@@ -87,6 +87,7 @@ class Model:
     at: dict[Knob, float] = field(default_factory=dict)
     fields: dict[str, Floats] = field(default_factory=dict)
     when: dict[str, Scope] = field(default_factory=dict)
+    _told: dict[int | None, dict[str, dict[str, float]]] = field(default_factory=dict, init=False)
 
     def moved(self, steps: dict[Knob, float]) -> Model:
         """Return the model with knobs turned by steps of their coordinates."""
@@ -139,12 +140,13 @@ class Model:
 
     def values(self, vehicle: int | None = None) -> dict[str, dict[str, float]]:
         """Return all numbers not nominal at all times, by term and parameter, of a vehicle or the fleet."""
-        out: dict[str, dict[str, float]] = {}
-        for k in self.at:
-            if k.scope.whole or (vehicle is not None and k.scope.covers(vehicle) and not k.scope.timed):
-                at = self.coordinate(k) if vehicle is None else self.of_vehicle(k, vehicle)
-                out.setdefault(k.term, {})[k.parameter] = k.definition.value_of(at)
-        return out
+        if vehicle not in self._told:
+            out = self._told.setdefault(vehicle, {})
+            for k in self.at:
+                if k.scope.whole or (vehicle is not None and k.scope.covers(vehicle) and not k.scope.timed):
+                    at = self.coordinate(k) if vehicle is None else self.of_vehicle(k, vehicle)
+                    out.setdefault(k.term, {})[k.parameter] = k.definition.value_of(at)
+        return self._told[vehicle]
 
     def own(self, vehicle: int) -> list[Own]:
         """Return what one vehicle has for itself, and what holds for a while."""

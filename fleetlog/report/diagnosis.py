@@ -8,7 +8,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.words import count, percent
 from fleetlog.discovery.diagnose import Diagnosis, diagnose
 from fleetlog.discovery.report.finding import Finding, Verdict
-from fleetlog.discovery.report.output import HEADS, shapes
+from fleetlog.discovery.report.output import HEADS
 from fleetlog.discovery.report.words import advice, place
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
@@ -48,8 +48,8 @@ def in_short(facts: Facts) -> list[str]:
     return out
 
 
-def diagnosis_page(d: Diagnosis, site: Site) -> str:
-    """``report.html`` of a diagnosis."""
+def diagnosis_page(d: Diagnosis, drawn: Result, site: Site) -> str:
+    """``report.html`` of a diagnosis, with the pictures of its result."""
     v = d.verdict
     rows = [[_plain(c.name), c.metric, *map(_share, (c.before, c.after, c.floor))] for c in v.channels]
     head, right = ["Channel", "Error", "before", "after", "noise floor"], [False, False, True, True, True]
@@ -58,7 +58,7 @@ def diagnosis_page(d: Diagnosis, site: Site) -> str:
         "diagnosis.html", title="Differences between recording and model", lead=[_head(v), *_cost(d)],
         channels=judged, todo=_todo(v.findings, site.timezone or "UTC"),
         findings=[(f, _sentence(f), _ranking(f), _roads(f)) for f in v.findings],
-        pictures=_pictures(Result("diagnosis", {}, shapes=shapes(d)), site), notes=v.notes,
+        pictures=_pictures(drawn, site), notes=v.notes,
     )  # fmt: skip
 
 

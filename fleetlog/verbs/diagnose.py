@@ -51,8 +51,8 @@ def diagnose(
 
     def write(folder: Path) -> None:
         write_diagnosis(found, folder)
-        (folder / "report.html").write_text(diagnosis_page(found, place), encoding="utf-8")
-        write_result_recording(as_result(found), place, folder / "recording.rrd")
+        (folder / "report.html").write_text(diagnosis_page(found, told, place), encoding="utf-8")
+        write_result_recording(told, place, folder / "recording.rrd")
 
     recording, nominal = inputs.as_dataset(dataset), inputs.as_truck(truck)
     given = None if site is None else inputs.as_site(site)
@@ -68,7 +68,8 @@ def diagnose(
         if gate and shut:
             notice(f"the gate stays shut: {', '.join(shut)}")
         status = EXIT_INPUT if gate and shut else EXIT_DONE
-        return keep(Answer.of(as_result(found), place, value=found, write=write, status=status))
+        told = as_result(found)
+        return keep(Answer.of(told, place, value=found, write=write, status=status))
 
 
 def unjudged(verdict: Verdict, wanted: Collection[str]) -> list[str]:

@@ -132,9 +132,7 @@ class Channel(ABC):
             if len(part.windows):
                 by_vehicle.setdefault(int(part.windows.vehicle[0]), []).append(part)
         drawn = copy(self)
-        drawn._kept, drawn._passes = Shelf(on_disk=False), {}
-        for parts in by_vehicle.values():
-            drawn._kept.add(self._joined(parts))
+        drawn._kept, drawn._passes = Shelf(False, map(self._joined, by_vehicle.values())), {}
         return drawn
 
     def _joined(self, parts: list[Unit]) -> Unit:

@@ -54,9 +54,7 @@ class EnergyChannel(Channel):
     def units(self) -> Iterator[Unit]:
         """Yield blocks with their windows."""
         if self._kept is None:
-            self._kept = Shelf(self.fleet.large)
-            for block in self.fleet.each_block():
-                self._kept.add(self._unit(block))
+            self._kept = Shelf(self.fleet.large, map(self._unit, self.fleet.each_block()))
         yield from self._kept
 
     def _unit(self, block: Block) -> Unit:

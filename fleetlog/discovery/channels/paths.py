@@ -19,7 +19,7 @@ from fleetlog.discovery.recording.conflicts import Route, hindered, on_road, rou
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.recording.turns import measure
+from fleetlog.discovery.recording.turns import Seen, Turns, measure
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 
@@ -73,8 +73,9 @@ class Path:
         return by_window(self.of, column, values, self.count, width)
 
     def part(self, keep: Mask) -> tuple[Mask, "Path"]:
-        """Return the legs that begin in some windows, (W,): the windows that they touch, and their path."""
-        nodes = keep[self.of[~self.inside]][np.cumsum(~self.inside) - 1]
+        """Return the legs that touch some windows, (W,): all the windows that they touch, and their path."""
+        begin = np.flatnonzero(~self.inside)
+        nodes = np.logical_or.reduceat(keep[self.of], begin)[np.cumsum(~self.inside) - 1]
         mine = np.bincount(self.of[nodes], minlength=self.count) > 0
         of = (np.cumsum(mine) - 1)[self.of[nodes]]
         one, other = self.behind[mine], self.apart[mine]
@@ -93,6 +94,10 @@ class Path:
         )
 
 
+Laid = tuple[Path, Windows, Floats, Mask]
+"""The path of a day, its windows, what they took (W,) [s], and which of them count (W,)."""
+
+
 @dataclass(frozen=True)
 class Drive:
     """A leg, and (N,) of its nodes whether another truck was in the way, and whether it was off its road."""
@@ -103,34 +108,27 @@ class Drive:
     wait: float  # Seconds of the standstill after it that served no purpose
 
 
-@dataclass(frozen=True)
-class Day:
-    """What one vehicle drove on one day."""
+def laid_out(fleet: Fleet, split: Split, lanes: Stretches, length: float) -> tuple[Shelf[Laid], Turns]:
+    """Lay out what every vehicle drove, and measure how turns are driven where nobody is in the way."""
+    out: Shelf[Laid] = Shelf(fleet.large)
 
-    route: Route
-    drives: tuple[Drive, ...]
+    def drives() -> Iterator[Seen]:
+        for date in fleet.dates:
+            placed = [r for r in routes(fleet, date) if not all((leg.path.edge < 0).all() for leg in r.legs)]
+            for route, driven in _group(placed, fleet) if placed else ():
+                if (found := _lay_out(route, driven, fleet, lanes, length)) is not None:
+                    out.add(found)
+                yield from _undisturbed(route, driven, fleet, split)
 
-
-def days(fleet: Fleet, split: Split) -> Iterator[Day]:
-    """Yield what every vehicle drove, its turns as they are driven where nobody is in the way."""
-    out: Shelf[Day] = Shelf(fleet.large)
-    for date in fleet.dates:
-        placed = [r for r in routes(fleet, date) if not all((leg.path.edge < 0).all() for leg in r.legs)]
-        for day in _group(placed, fleet) if placed else ():
-            out.add(day)
-    turns = measure(_undisturbed(out, fleet, split), fleet.truck)
-    for day in out:
-        yield replace(day, drives=tuple(replace(v, leg=turns.on(v.leg)) for v in day.drives))
+    return out, measure(drives(), fleet.truck)
 
 
-def _group(group: list[Route], fleet: Fleet) -> list[Day]:
+def _group(group: list[Route], fleet: Fleet) -> Iterator[tuple[Route, list[Drive]]]:
     placed = [[on_road(leg) for leg in r.legs] for r in group]
     group = [replace(r, legs=tuple(leg for leg, _ in p)) for r, p in zip(group, placed, strict=True)]
     flags = hindered(group, [free_speed(r.nodes("edge"), fleet) for r in group], fleet.truck)
-    return [
-        Day(replace(r, legs=()), tuple(_drives(r, *f, np.concatenate([a for _, a in p]))))
-        for r, f, p in zip(group, flags, placed, strict=True)
-    ]
+    for r, f, p in zip(group, flags, placed, strict=True):
+        yield r, list(_drives(r, *f, np.concatenate([a for _, a in p])))
 
 
 def free_speed(edge: NDArray[Any], fleet: Fleet) -> Floats:
@@ -157,21 +155,20 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]
         first = k + 1
 
 
-def _undisturbed(found: Shelf[Day], fleet: Fleet, split: Split) -> Iterator[tuple[Leg, Floats, Mask]]:
-    """Legs with their free speeds and the nodes that the search may look at."""
-    for d in found:
-        for v in d.drives:
-            path, vehicle = v.leg.path, d.route.vehicle
-            fold = split.rows(path.trip + TRIP * vehicle, path.time + d.route.start, vehicle, d.route.day)
-            yield v.leg, free_speed(path.edge, fleet), ~v.behind & ~v.astray & (fold != HELD_OUT)
+def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split) -> Iterator[Seen]:
+    """The nodes that the search may look at."""
+    path = join([v.leg.path for v in drives])
+    use = split.rows(path.trip + TRIP * r.vehicle, path.time + r.start, r.vehicle, r.day) != HELD_OUT
+    use &= ~np.concatenate([v.behind | v.astray for v in drives])
+    ends = np.cumsum([len(v.behind) for v in drives])[:-1]
+    parts = (np.split(values, ends) for values in (free_speed(path.edge, fleet), use))
+    yield from zip([v.leg for v in drives], *parts, strict=True)
 
 
-def lay_out(
-    day: Day, fleet: Fleet, lanes: Stretches, length: float
-) -> tuple[Path, Windows, Floats, Mask] | None:
-    """Return the path of a day, its windows, what they took (W,) [s], and which of them count (W,)."""
-    drives = [v for v in day.drives if v.leg.whole and v.leg.distance[-1] >= SHORTEST]
-    found = [v for v in drives if (v.leg.path.edge >= 0).all()]
+def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, length: float) -> Laid | None:
+    """Lay out the legs of a day whose ends are known."""
+    long = [v for v in drives if v.leg.whole and v.leg.distance[-1] >= SHORTEST]
+    found = [v for v in long if (v.leg.path.edge >= 0).all()]
     if not found:
         return None
     parts = [v.leg for v in found]
@@ -193,9 +190,7 @@ def lay_out(
     share = _shares(lanes, motion, step, inside, wait)
     assert fleet.network is not None
     limit = np.nan_to_num(fleet.network.speed_limit, nan=np.inf)[motion.edge]
-    motion = motion.replaced(
-        speed=limit, time=motion.time + day.route.start, vehicle=np.full(len(motion), day.route.vehicle)
-    )
+    motion = motion.replaced(speed=limit, time=motion.time + r.start, vehicle=np.full(len(motion), r.vehicle))
     stops = [np.full(len(v.behind), bool(v.leg.stops)) for v in found]
     behind, astray, queued = (
         np.bincount(of, np.concatenate(flags), count) > 0
@@ -204,8 +199,8 @@ def lay_out(
     metres = np.asarray(np.bincount(of, step, count), dtype=np.float64)
     middle = np.searchsorted(of, np.arange(count)) + np.bincount(of) // 2
     windows = Windows(
-        trip=motion.trip[middle] + TRIP * day.route.vehicle, vehicle=motion.vehicle[middle],
-        day=np.full(count, day.route.day),
+        trip=motion.trip[middle] + TRIP * r.vehicle, vehicle=motion.vehicle[middle],
+        day=np.full(count, r.day),
         edge=motion.edge[middle].astype(np.int64), duration=np.maximum(metres, 0.5), distance=metres,
         x=motion.x[middle], y=motion.y[middle], time=motion.time[middle],
     )  # fmt: skip

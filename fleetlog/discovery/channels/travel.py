@@ -1,7 +1,7 @@
 """The speed channel: the time that stretches of a path took, against the quickest drive allowed; and how that
 time changes with each number, field and free curve."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,13 +9,14 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import About, Channel, Unit
-from fleetlog.discovery.channels.paths import Day, Lost, Path, days, lay_out, lost_time
+from fleetlog.discovery.channels.paths import Laid, Lost, Path, laid_out, lost_time
 from fleetlog.discovery.hypotheses import sources
 from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
 from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
+from fleetlog.discovery.recording.turns import Turns
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.motion.legs import quickest
 from fleetlog.physics.power import Physics, all_terms
@@ -131,7 +132,7 @@ class TravelChannel(Channel):
     def __post_init__(self) -> None:
         network = self.fleet.network
         assert network is not None
-        self.fleet = replace(self.fleet, interval={})
+        self.fleet = replace(self.fleet, interval={}) if self.fleet.interval else self.fleet
         self.roads, self.lanes = make_stretches(network), make_stretches(network, apart=True)
         self.metric = f"rms error of the time for {self.settings.stretch:.0f} m of path, over rms time"
         self.errors = list(ERRORS)
@@ -144,29 +145,27 @@ class TravelChannel(Channel):
     def units(self) -> Iterator[Unit]:
         """Yield vehicle-days."""
         if self._kept is None:
-            made: Shelf[Unit] = Shelf(self.fleet.large)
-            for day in days(self.fleet, self.split):
-                if (unit := self._unit(day)) is not None:
-                    made.add(unit)
-            self._kept = Shelf(self.fleet.large)
-            for unit in self._with_stands(made):
-                self._kept.add(unit)
+            laid, turns = laid_out(self.fleet, self.split, self.lanes, self.settings.stretch)
+            scatter, waited = self._stands(laid)
+            units = (self._unit(one, turns, scatter, waited) for one in laid)
+            self._kept = Shelf(self.fleet.large, units)
         yield from self._kept
 
-    def _with_stands(self, made: Shelf[Unit]) -> Iterator[Unit]:
-        """The units, told where trucks stood for no purpose: only there they waited, and times scatter so. A
-        truck with another in its way waits there as well: of such passages only the standing counts."""
-        n, found = len(self.lanes), []
+    def _stands(self, laid: Iterable[Laid]) -> tuple[Floats, Mask]:
+        """How far waits scatter on each stretch of a lane, (n,), and which stretches of road are places where
+        trucks stood for no purpose: only there they waited, and times scatter so. A truck with another in its
+        way waits there as well: of such passages only the standing counts."""
+        n, found = len(self.lanes), [np.zeros((3, 0))]
         both = np.zeros(len(self.roads))  # What holds up one direction of a road often holds up the other
-        for u in made:
-            cell, place = self._cells(u)
-            seen = ((u.whole | u.own.apart) & (self.split.fold(u.windows) != HELD_OUT))[u.own.of]
+        for path, windows, _, whole in laid:
+            cell, place = self._cells(path)
+            seen = ((whole | path.apart) & (self.split.fold(windows) != HELD_OUT))[path.of]
             first = np.flatnonzero(np.diff(cell, prepend=-1))  # Of every passage
-            wait = np.add.reduceat(np.where(seen, u.own.standing, 0.0), first)
+            wait = np.add.reduceat(np.where(seen, path.standing, 0.0), first)
             both += np.bincount(place[first], wait > 0.0, len(both))
             # Whoever sets off there has not passed.
-            use = (seen & u.own.inside)[first] | (wait > 0.0)
-            found.append(np.stack([cell[first], u.own.motion.time[first], wait])[:, use])
+            use = (seen & path.inside)[first] | (wait > 0.0)
+            found.append(np.stack([cell[first], path.motion.time[first], wait])[:, use])
         lane, time, wait = np.concatenate(found, axis=1)
         order = np.lexsort((time, lane))
         lane, wait = lane[order].astype(np.int64), wait[order]
@@ -174,28 +173,26 @@ class TravelChannel(Channel):
         # Passages are compared with the one before: where trucks wait since noon, that is no scatter.
         next_one = np.diff(lane) == 0
         off = np.bincount(lane[1:][next_one], 0.5 * np.diff(wait)[next_one] ** 2, n)
-        scatter = (off + (SCATTER * np.bincount(lane, wait, n) / stood) ** 2) / passed
-        for u in made:
-            cell, place = self._cells(u)
-            noise, waits = np.zeros(len(u.recorded)), both[place] >= FEW
-            np.maximum.at(noise, u.own.of, np.where(waits, scatter[cell], 0.0))
-            path = replace(u.own, share=np.where(waits, u.own.share, 0.0))
-            apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
-            recorded = np.where(apart, u.level + path.summed(path.standing), u.recorded)
-            yield replace(u, own=path, noise=noise, recorded=recorded, whole=u.whole | apart)
+        return (off + (SCATTER * np.bincount(lane, wait, n) / stood) ** 2) / passed, both >= FEW
 
-    def _cells(self, unit: Unit) -> tuple[Ints, Ints]:
+    def _unit(self, laid: Laid, turns: Turns, scatter: Floats, waited: Mask) -> Unit:
+        path, windows, recorded, whole = laid
+        cell, place = self._cells(path)
+        noise, waits = np.zeros(len(recorded)), waited[place]
+        np.maximum.at(noise, path.of, np.where(waits, scatter[cell], 0.0))
+        driven = turns.along(path.s, path.motion.edge, path.motion.curvature, path.inside)
+        path = replace(
+            path, motion=path.motion.replaced(curvature=driven), share=np.where(waits, path.share, 0.0)
+        )
+        level = self.about(path, self.base).modelled
+        apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
+        recorded = np.where(apart, level + path.summed(path.standing), recorded)
+        return Unit(windows, recorded, whole | apart, noise, level, np.ones(len(recorded)), path)
+
+    def _cells(self, path: Path) -> tuple[Ints, Ints]:
         """The stretch of a lane, and of a road, that every node is on, (G,)."""
-        lane, road = (cells.at(unit.own.motion)[0].astype(np.int64) for cells in (self.lanes, self.roads))
+        lane, road = (cells.at(path.motion)[0].astype(np.int64) for cells in (self.lanes, self.roads))
         return lane, road
-
-    def _unit(self, day: Day) -> Unit | None:
-        found = lay_out(day, self.fleet, self.lanes, self.settings.stretch)
-        if found is None:
-            return None
-        path, windows, recorded, whole = found
-        unit = Unit(windows, recorded, whole, np.zeros(len(recorded)), recorded, np.ones(len(recorded)), path)
-        return replace(unit, level=self.predict(unit, self.base))
 
     def about(self, own: Path, model: Model) -> TravelAbout:
         """Return what a model says of a path, (W,) [s], and columns about it."""

@@ -35,6 +35,7 @@ class Cells(ABC):
     middle: Floats
     odd: bool = field(default=False, kw_only=True)  # Whether the field is odd in the direction of travel
     _roots: dict[bool, tuple[Floats, Floats]] = field(default_factory=dict, kw_only=True, compare=False)
+    _last: list[tuple[Motion, Part]] = field(default_factory=list, kw_only=True, compare=False)
 
     def __len__(self) -> int:
         return len(self.middle)
@@ -44,9 +45,14 @@ class Cells(ABC):
         """Number of values of a field."""
         return len(self)
 
-    @abstractmethod
-    def at(self, motion: Motion) -> tuple[Index, Floats]:
+    def at(self, motion: Motion) -> Part:
         """(N,) cell of each sample, -1 for none, and (N,) +1 or -1: driven as counted or against."""
+        if not self._last or self._last[0][0] is not motion:  # Many fields are looked up along the same
+            self._last[:] = [(motion, self._at(motion))]
+        return self._last[0][1]
+
+    @abstractmethod
+    def _at(self, motion: Motion) -> Part: ...
 
     def parts(self, motion: Motion) -> list[Part]:
         """Which values act on each sample, and with what weight."""
@@ -100,8 +106,7 @@ class Stretches(Cells):
     sign: Floats
     alike: bool = True  # Whether neighbours resemble each other
 
-    def at(self, motion: Motion) -> tuple[Index, Floats]:
-        """(N,) stretch of each sample, -1 off the map, and (N,) +1 or -1: driven as counted or against."""
+    def _at(self, motion: Motion) -> Part:
         on = motion.edge >= 0
         edge = np.maximum(motion.edge, 0)
         share = np.clip(motion.edge_offset / np.maximum(self.network.length[edge], 1e-6), 0.0, 1.0 - 1e-9)
@@ -187,8 +192,7 @@ class Squares(Cells):
         """Number of values of a field: two a square where it is odd in direction."""
         return len(self) * (2 if self.odd else 1)
 
-    def at(self, motion: Motion) -> tuple[Index, Floats]:
-        """(N,) square of each sample, -1 for none; none is driven against."""
+    def _at(self, motion: Motion) -> Part:
         k = _key(motion.x, motion.y, self.side)
         j = np.clip(np.searchsorted(self.key, k), 0, len(self.key) - 1)
         return np.where(self.key[j] == k, j, -1).astype(np.int32), np.ones(len(k))

@@ -129,7 +129,7 @@ def block(
     made = Block(
         motion, r.row.astype(np.int32), r.likeliest.acceleration.astype(np.float32), time, r.dt_row, power,
         trajectory.floats("soc"), trajectory.trip_ids() + TRIP * vehicle, vehicle,
-        int(trajectory.time[0] // DAY), recipe, r,
+        int(trajectory.time[0] // DAY), partial(recipe, noise=r.noise), r,
     )  # fmt: skip
     count = round(mean_of / float(np.median(np.diff(time)))) if mean_of > 0.0 else 1
     return _merged(made, count) if count > 1 else made

@@ -6,16 +6,17 @@ from another is taken from there; what all have in common stays the model's to e
 the map, rounded with the radius of the truck, explain the speeds seen better, they are kept as they are."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats, Index, Mask
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.legs import Leg
 
 Way = tuple[int, int]  # Edges before and behind a junction
+Seen = tuple[Leg, Floats, Mask]  # A leg with its free speed (N,) and the nodes that count (N,)
 
 FEWEST = 3  # Passages from which on a way over a junction is known
 REACH = 10.0  # Half the way on which a junction is crossed [m]
@@ -50,19 +51,23 @@ class Turns:
     by_way: dict[Way, Turn]
     lateral: float
 
-    def on(self, leg: Leg) -> Leg:
-        """Return a leg with the curvature that its turns have by their speed."""
+    def along(self, s: Floats, edge: Index, curvature: Floats, inside: Mask) -> Floats:
+        """Return the (N,) curvature of legs laid end to end with that of their turns by their speed; ``s``
+        [m] and ``edge`` of every node, ``inside`` whether the one before it is of the same leg."""
         if not self.by_way:
-            return leg
-        s, curvature = leg.distance, leg.path.curvature.copy()
-        found = [(s[i], self.by_way.get(_way(leg, i))) for i in junctions(leg)]
-        known = [(place, turn) for place, turn in found if turn is not None]
-        for place, _ in known:
-            curvature[np.abs(s - place) < 0.7 * REACH] = 0.0
-        for place, turn in known:
-            bend = np.abs(s - place - turn.middle) <= max(0.5 * turn.length, 0.3)
-            curvature[bend] = np.maximum(curvature[bend], self.lateral / turn.speed**2)
-        return replace(leg, path=leg.path.replaced(curvature=curvature))
+            return curvature
+        out, begin = curvature.copy(), np.flatnonzero(~inside)
+        ends, known = np.append(begin[1:], len(s)), []
+        for i in np.flatnonzero((np.diff(edge) != 0) & inside[1:]).tolist():
+            if (turn := self.by_way.get((int(edge[i]), int(edge[i + 1])))) is not None:
+                k = int(np.searchsorted(begin, i, side="right")) - 1
+                known.append((s[i], turn, slice(begin[k], ends[k])))
+        for place, _, leg in known:
+            out[leg][np.abs(s[leg] - place) < 0.7 * REACH] = 0.0
+        for place, turn, leg in known:
+            bend = np.abs(s[leg] - place - turn.middle) <= max(0.5 * turn.length, 0.3)
+            out[leg][bend] = np.maximum(out[leg][bend], self.lateral / turn.speed**2)
+        return out
 
 
 @dataclass(frozen=True)
@@ -76,14 +81,14 @@ class _Pass:
     spacing: float
 
 
-def measure(drives: Iterable[tuple[Leg, Floats, Mask]], truck: Truck) -> Turns:
-    """Return the turns of legs, each with its free speed (N,) and the nodes that count (N,)."""
+def measure(drives: Iterable[Seen], truck: Truck) -> Turns:
+    """Return the turns of legs."""
     passes: dict[Way, list[_Pass]] = defaultdict(list)
     for leg, free, use in drives:
-        for i in junctions(leg):
-            one = _pass(leg, free, use, i)
-            if one is not None:
-                passes[_way(leg, i)].append(one)
+        edge = leg.path.edge
+        for i in np.flatnonzero(np.diff(edge) != 0).tolist():  # The last node before each junction
+            if (one := _pass(leg, free, use, i)) is not None:
+                passes[int(edge[i]), int(edge[i + 1])].append(one)
     known = {way: _turn(p) for way, p in passes.items() if len(p) >= FEWEST}
     bends = [t for t in known.values() if BEND < abs(t.angle) < BACK]
     if len(bends) < FEWEST or _map_explains(list(known.values())):
@@ -93,26 +98,16 @@ def measure(drives: Iterable[tuple[Leg, Floats, Mask]], truck: Truck) -> Turns:
     return Turns(known, level if level < ALIKE * nominal else nominal)
 
 
-def junctions(leg: Leg) -> Iterator[int]:
-    """Yield the last node before each change of edge."""
-    yield from np.flatnonzero(np.diff(leg.path.edge) != 0).tolist()
-
-
-def _way(leg: Leg, i: int) -> Way:
-    return int(leg.path.edge[i]), int(leg.path.edge[i + 1])
-
-
 def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
-    s = leg.distance - leg.distance[i]
-    near = np.flatnonzero(np.abs(s) < REACH)
-    if -s[0] < CLEAR or s[-1] < CLEAR or not use[near].all():
+    d, place = leg.distance, leg.distance[i]
+    near = slice(np.searchsorted(d, place - REACH, side="right"), np.searchsorted(d, place + REACH))
+    if min(place - d[0], d[-1] - place) < CLEAR or not use[near].all():
         return None
-    x, y, speed = leg.path.x[near], leg.path.y[near], leg.path.speed[near]
-    course = np.unwrap(np.arctan2(y[4:] - y[:-4], x[4:] - x[:-4]))
-    at = s[near][2:-2]
+    s, x, y, speed = d[near] - place, leg.path.x[near], leg.path.y[near], leg.path.speed[near]
+    turned = np.diff(np.unwrap(np.arctan2(y[4:] - y[:-4], x[4:] - x[:-4])))
     curvature = float(np.abs(leg.path.curvature[near]).max())
-    turned, middle = np.diff(course), 0.5 * (at[1:] + at[:-1])
-    return _Pass(s[near], speed, float(free[near].min()), curvature, turned, middle, float(np.median(speed)))
+    middle = 0.5 * (s[3:-2] + s[2:-3])
+    return _Pass(s, speed, float(free[near].min()), curvature, turned, middle, float(np.median(speed)))
 
 
 def _turn(passes: list[_Pass]) -> Turn:

@@ -1,17 +1,20 @@
 """The folder of a diagnosis: JSON, model, fields; and the shapes of what is drawn elsewhere."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.result import EdgeValues, Grid, Result, Series, Shape
 from fleetlog.core.words import count, percent
 from fleetlog.discovery.channels.energy import EnergyChannel
+from fleetlog.discovery.channels.energy_columns import EnergyAbout
 from fleetlog.discovery.diagnose import Diagnosis
 from fleetlog.discovery.hypotheses.cells import Squares, Stretches
-from fleetlog.discovery.model import FLEET, Model
+from fleetlog.discovery.model import FLEET
+from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.report import fields
 from fleetlog.discovery.report.finding import ChannelFit, Finding
 from fleetlog.discovery.report.words import advice
@@ -108,36 +111,36 @@ def shapes(d: Diagnosis) -> list[Shape]:
     e = next((d.channels[c] for c in ("battery_power", "soc") if c in d.channels), None)
     if e is None:
         return []
-    channel, out = e.problem.channel, list[Shape]()
+    channel = e.problem.channel
     assert isinstance(channel, EnergyChannel)
-    for name, model in (("before", e.before), ("after", e.after)):
-        shape = _mismatch(channel, model, f"mismatch {name}")
-        if shape is not None:
-            out.append(shape)
-    if channel.name == "battery_power":
-        out.append(_worst_trip(channel, e.before, e.after))
-    return out
-
-
-def _mismatch(channel: EnergyChannel, model: Model, name: str) -> Shape | None:
-    """Mean recorded minus modelled power, by stretch and direction or by square [W]."""
-    cells = channel.places
-    if cells is None:
-        return None
-    total, seconds = np.zeros((2, len(cells))), np.zeros((2, len(cells)))
+    cells, models = channel.places, (e.before, e.after)
+    shape = 2, 0 if cells is None else len(cells)  # By direction and cell
+    total, seconds = np.zeros((2, *shape)), np.zeros(shape)
+    worst, most = None, -1.0
     for unit in channel.units():
-        block, m = unit.own.block, unit.own.motion
-        residual = np.nan_to_num((m.power - channel.evaluation(block, model).power) * m.dt)
-        cell, way = cells.at(m)
-        on = (cell >= 0) & (m.speed > 0.0)
-        at = ((way[on] < 0).astype(int), cell[on])
-        np.add.at(total, at, residual[on])
-        np.add.at(seconds, at, m.dt[on])
-    value, label = total / np.maximum(seconds, 1e-9), "recorded minus modelled power [W]"
-    if isinstance(cells, Stretches):
-        return _edge_values(cells, value, seconds > FEWEST, name, label)
-    assert isinstance(cells, Squares)
-    return _grid(cells, value[0], name, label)
+        abouts = [channel.about(unit.own, model) for model in models]
+        _, which = np.unique(unit.windows.trip, return_inverse=True)
+        sums = np.bincount(which, np.abs(unit.recorded - abouts[0].modelled) * unit.whole)
+        if sums.max() > most:
+            rows = unit.own.block.trip == unit.windows.trip[which == int(np.argmax(sums))][0]
+            most, worst = float(sums.max()), _series(unit.own.block, np.flatnonzero(rows)[:LONG], abouts)
+        if cells is not None:
+            m = unit.own.motion
+            cell, way = cells.at(m)
+            on = (cell >= 0) & (m.speed > 0.0)
+            at = (way[on] < 0) * len(cells) + cell[on]
+            seconds += np.bincount(at, m.dt[on], seconds.size).reshape(shape)
+            for own, about in zip(total, abouts, strict=True):
+                residual = np.nan_to_num((m.power - about.e.power) * m.dt)
+                own += np.bincount(at, residual[on], seconds.size).reshape(shape)
+    label, out = "recorded minus modelled power [W]", list[Shape]()
+    for name, own in zip(("mismatch before", "mismatch after"), total, strict=True):
+        value = own / np.maximum(seconds, 1e-9)
+        if isinstance(cells, Stretches):
+            out.append(_edge_values(cells, value, seconds > FEWEST, name, label))
+        elif isinstance(cells, Squares):
+            out.append(_grid(cells, value[0], name, label))
+    return [*out, worst] if channel.name == "battery_power" and worst is not None else out
 
 
 def _edge_values(cells: Stretches, value: Floats, known: Mask, name: str, label: str) -> EdgeValues:
@@ -159,20 +162,10 @@ def _grid(squares: Squares, value: Floats, name: str, label: str) -> Grid:
     return Grid(name, raster, west, south, squares.side, label, diverging=True)
 
 
-def _worst_trip(channel: EnergyChannel, before: Model, after: Model) -> Series:
-    """Power over the trip that the model misses most, recorded and modelled before and after."""
-    worst, most = None, -1.0
-    for unit in channel.units():
-        off = np.abs(unit.recorded - channel.predict(unit, before)) * unit.whole
-        _, which = np.unique(unit.windows.trip, return_inverse=True)
-        sums = np.bincount(which, off)
-        if sums.max() > most:
-            most, worst = float(sums.max()), (unit, int(unit.windows.trip[which == int(np.argmax(sums))][0]))
-    assert worst is not None
-    block = worst[0].own.block
-    rows = np.flatnonzero(block.trip == worst[1])[:LONG]
+def _series(block: Block, rows: Ints, abouts: Sequence[EnergyAbout]) -> Series:
+    """Power over some rows of a block, recorded and modelled before and after."""
     curves = {"recorded": block.power[rows]}
-    for name, model in (("before", before), ("after", after)):
-        curves[f"model {name}"] = block.rows(channel.evaluation(block, model).power)[rows]
+    for name, about in zip(("before", "after"), abouts, strict=True):
+        curves[f"model {name}"] = block.rows(about.e.power)[rows]
     time = (block.time[rows] * 1e6).astype(np.int64)
     return Series("worst trip", time, curves, "time", "battery power [W]", over_time=True)

@@ -191,7 +191,7 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     before = now if h.term is None else replace(joint, model=joint.without(h))
 
     def seen(unit: Unit) -> Floats:
-        effect = predicted(problem, unit, joint) - predicted(problem, unit, before)
+        effect = said(problem, unit, joint)[0] - said(problem, unit, before)[0]
         there = h.scope.share(int(unit.windows.vehicle[0]), unit.windows.time)
         weight = problem.noise.weight(unit)
         return np.abs(np.stack([effect, unit.recorded, unit.level, weight, there]))[:, unit.whole]
@@ -205,20 +205,14 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     return Size(float(size[touched].sum() / max(float(energy[touched].sum()), 1e-12)), float(verified))
 
 
-def predicted(problem: Problem, unit: Unit, joint: Joint) -> Floats:
-    """Return what a fit says of every window, (W,): its model, and what free curves add."""
-    sources = [h.sources[0] for h in joint.chosen if h.term is None]
-    if not sources:
-        return problem.channel.predict(unit, joint.model)
-    out, x = problem.channel.columns(unit, joint.model, sources)
-    own = [a.owner is not None and a.owner.term is None for a in joint.design.atoms]
-    return np.asarray(out + x @ joint.fitted.beta[own])
-
-
-def hidden(problem: Problem, unit: Unit, joint: Joint) -> Floats:
-    """Return what sampling hides in every window by a fit, (W,): no physics, and not in the model."""
-    sources = problem.channel.errors
-    if not sources:
-        return np.zeros(len(unit.windows))
-    own = [a.owner is None and a.knob is None for a in joint.design.atoms]
-    return np.asarray(problem.channel.columns(unit, joint.model, sources)[1] @ joint.fitted.beta[own])
+def said(problem: Problem, unit: Unit, joint: Joint) -> tuple[Floats, Floats]:
+    """Return what a fit says of every window, (W,): its model, and what free curves add; and what by it
+    sampling hides, which is no physics, and not in the model."""
+    about, out = problem.channel.about(unit.own, joint.model), []
+    curves = [h.sources[0] for h in joint.chosen if h.term is None]
+    of_curves = [a.owner is not None and a.owner.term is None for a in joint.design.atoms]
+    of_errors = [a.owner is None and a.knob is None for a in joint.design.atoms]
+    for sources, own in ((curves, of_curves), (problem.channel.errors, of_errors)):
+        x = about.columns(sources) if sources else np.zeros((len(unit.windows), 0))
+        out.append(np.asarray(x @ joint.fitted.beta[own]))
+    return about.modelled + out[0], out[1]

@@ -1,12 +1,10 @@
 """The last judgement: errors on trips that nothing has read, of exactly the model that is written."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import stdtr
-from scipy.stats import theilslopes
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import Unit
@@ -14,7 +12,7 @@ from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.report.finding import ChannelFit, Errors
-from fleetlog.discovery.search.joint import Joint, hidden, predicted
+from fleetlog.discovery.search.joint import Joint, said
 from fleetlog.discovery.search.problem import Problem
 
 FEWEST_CLUSTERS = 3
@@ -29,51 +27,43 @@ def judge(
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
     ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
     hides."""
-    channel, units = problem.channel, list(problem.held_out())
-    energy = _pooled(units, lambda u: u.recorded)
+    channel = problem.channel
+
+    def seen(unit: Unit) -> list[Floats]:
+        others = [channel.predict(unit, model) for model in without.values()]
+        others += [said(problem, unit, joint)[0] for joint in beside.values()]
+        return [*said(problem, unit, after), *others]
+
+    energy, cluster, modelled, concealed, *others = _pooled(problem, 2 + len(without) + len(beside), seen)
     if not len(energy) or not energy.any():
         reason = "too few trips to hold some out; record more"
         return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None
-    size = float(np.sqrt(np.mean(energy**2)))
-
-    def left(model: Model) -> Floats:
-        return _pooled(units, lambda u: u.recorded - channel.predict(u, model))
+    size, new = float(np.sqrt(np.mean(energy**2))), energy - modelled
 
     def error(residual: Floats) -> float:
         return float(np.sqrt(np.mean(residual**2))) / size
 
-    new, cluster = left(after.model), _clusters(problem, units)
-    miss = channel.model_error * np.abs(energy - new)
-    concealed = _pooled(units, lambda u: hidden(problem, u, after))
-    pairs = {h: (left(model), new) for h, model in without.items()}
-    for h, joint in beside.items():
-        pairs[h] = new, energy - _pooled(units, partial(predicted, problem, joint=joint))
-    told = {}
-    for h, (one, other) in pairs.items():
-        chance = p_value(one - concealed, one - other, cluster, miss)
-        told[h] = Errors(channel.metric, error(one), error(other), chance)
-    floor = _floor(problem, before)
-    told_floor = None if floor is None else floor / size
-    fit = ChannelFit(channel.name, channel.metric, error(left(before)), error(new), told_floor)
+    miss, told = channel.model_error * np.abs(modelled), {}
+    for h, other in zip([*without, *beside], others, strict=True):
+        one, two = (energy - other, new) if h in without else (new, energy - other)
+        chance = p_value(one - concealed, one - two, cluster, miss)
+        told[h] = Errors(channel.metric, error(one), error(two), chance)
+    left, floor = _floor(problem, before)
+    fit = ChannelFit(channel.name, channel.metric, error(left), error(new), floor and floor / size)
     return fit, told, error(new - concealed)
 
 
 def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
     """Return the p-value of a hypothesis that was found on the training trips, on those held out."""
-    units = list(problem.held_out())
-    if not units:
+
+    def seen(unit: Unit) -> list[Floats]:
+        return [*said(problem, unit, base), sum(said(problem, unit, joint), np.zeros(len(unit.windows)))]
+
+    energy, cluster, modelled, concealed, other = _pooled(problem, 3, seen)
+    if not len(energy):
         return None
-
-    def said(fit: Joint) -> Floats:
-        return _pooled(units, lambda u: predicted(problem, u, fit))
-
-    def concealed(fit: Joint) -> Floats:
-        return _pooled(units, lambda u: hidden(problem, u, fit))
-
-    modelled = said(base)
-    before, own = modelled + concealed(base), problem.channel.model_error * np.abs(modelled)
-    residual = _pooled(units, lambda u: u.recorded) - before
-    return p_value(residual, said(joint) + concealed(joint) - before, _clusters(problem, units), own)
+    before, own = modelled + concealed, problem.channel.model_error * np.abs(modelled)
+    return p_value(energy - before, other - before, cluster, own)
 
 
 def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats = 0.0) -> float:
@@ -89,30 +79,32 @@ def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats
     return float(stdtr(len(score) - 1, -score.sum() / spread))
 
 
-def _pooled(units: Sequence[Unit], value: Callable[[Unit], Floats]) -> Floats:
-    parts = [np.asarray(value(u))[u.whole] for u in units]
-    return np.concatenate(parts) if parts else np.zeros(0)
+def _pooled(problem: Problem, count: int, seen: Callable[[Unit], list[Floats]]) -> Floats:
+    """(2 + count, W) of the windows held out: what was recorded, what they were held out with, and ``count``
+    values that are ``seen`` of a unit."""
+    parts = [
+        np.stack([u.recorded, problem.split.unit(u.windows), *seen(u)])[:, u.whole]
+        for u in problem.held_out()
+    ]
+    return np.concatenate([*parts, np.zeros((2 + count, 0))], axis=1)
 
 
-def _clusters(problem: Problem, units: Sequence[Unit]) -> Ints:
-    return np.concatenate([problem.split.unit(u.windows)[u.whole] for u in units])
-
-
-def _floor(problem: Problem, before: Model) -> float | None:
-    features, residual, trip, wanted = [], [], [], []
+def _floor(problem: Problem, before: Model) -> tuple[Floats, float | None]:
+    """What the model before leaves of the windows held out, and the noise in them; None where it is not
+    known."""
+    features, residual, trip, wanted, noise = [], [], [], [], []
     for unit in problem.channel.units():
         use = unit.whole
         features.append(problem.channel.features(unit, before)[use])
         residual.append((unit.recorded - problem.channel.predict(unit, before))[use])
         trip.append(problem.split.unit(unit.windows)[use])
         wanted.append((problem.folds(unit) == HELD_OUT)[use])
+        noise.append(unit.noise[use])
     parts = [np.concatenate(p) for p in (features, residual, trip, wanted)]
-    repeated = noise_floor(*parts)
-    if repeated is None:
-        return None
+    held, repeated = parts[3], noise_floor(*parts)
     # Alike windows repeat what the uncertainty of their motion does to them; that part is known without them.
-    stated = np.concatenate([u.noise[u.whole] for u in problem.held_out()])
-    return max(repeated, float(np.sqrt(np.mean(stated))))
+    stated = float(np.sqrt(np.mean(np.concatenate(noise)[held])))
+    return parts[1][held], None if repeated is None else max(repeated, stated)
 
 
 def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) -> float | None:
@@ -135,7 +127,8 @@ def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) ->
     delta, gamma = apart / count, off / count
     # By medians (Theil 1950, Sen 1968): one gross error among the neighbours of a rank turns a line of least
     # squares.
+    rise, run = (np.subtract.outer(v, v) for v in (gamma, delta))
     several = len(delta) > 2 and np.ptp(delta) > 0
-    slope, start = theilslopes(gamma, delta)[:2] if several else (0.0, gamma[0])
-    nearest = float(gamma[0])
+    slope = np.median(rise[run > 0] / run[run > 0]) if several else 0.0
+    start, nearest = np.median(gamma) - slope * np.median(delta), float(gamma[0])
     return float(np.sqrt(np.clip(start if slope > 0 else nearest, 0.25 * nearest, nearest)))

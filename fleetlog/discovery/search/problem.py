@@ -94,11 +94,11 @@ class Problem:
             yield replace(unit, whole=unit.whole & (self.folds(unit) != HELD_OUT))
 
     def held_out(self) -> Iterator[Unit]:
-        """Yield the units with all but what is held out marked as not whole."""
+        """Yield what is held out of the units, whatever else hangs together with it marked as not whole."""
         for unit in self.channel.units():
-            use = unit.whole & (self.folds(unit) == HELD_OUT)
-            if use.any():
-                yield replace(unit, whole=use)
+            out = self.folds(unit) == HELD_OUT
+            if (unit.whole & out).any():
+                yield replace(unit, whole=unit.whole & out).part(out)
 
     def sampled(self, share: float) -> "Problem":
         """Return the problem with a share of the trips; itself where the share is all."""

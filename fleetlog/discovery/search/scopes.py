@@ -35,19 +35,21 @@ itself: of less, a time is told apart from a run of alike classes by the smaller
 class Column:
     """One column beside a model: products by slow fold F, truck V and slot S. ``cross`` (F, V, S, K) with the
     model's columns, ``along`` (F, V, S) with the residual, ``own`` (F, V, S) with itself; ``unit`` of the
-    losses."""
+    losses; ``folded`` the three summed over all folds."""
 
     model: Beside
     cross: NDArray[np.float32]
     along: Floats
     own: Floats
     unit: float
+    folded: tuple[Floats, ...]
 
     def gain(self, weights: Floats) -> tuple[Floats, Floats]:
         """Return the (N,) gains, in natural logarithms, and steps of the column with (N, V, S) weights."""
         inverse, beta = self.model.fit()
-        cross, along, own = (a.sum(axis=0, dtype=float) for a in (self.cross, self.along, self.own))
-        flat = weights.reshape(len(weights), -1)
+        who = weights.any(axis=(0, 2))
+        cross, along, own = (a[who] for a in self.folded)
+        flat = weights[:, who].reshape(len(weights), -1)
         c, a, o = flat @ cross.reshape(flat.shape[1], -1), flat @ along.ravel(), flat**2 @ own.ravel()
         size = o - np.einsum("ni,ni->n", c @ inverse, c)
         known, moment = size > DISTINCT * o, a - c @ beta
@@ -98,8 +100,9 @@ class Slotted:
         if key not in self._models:
             moment = (self.moment - self.gram @ held)[:, free]
             self._models[key] = Beside(self.gram[:, free][:, :, free], moment, self.prior.part(free))
-        model, along = self._models[key], self.along[..., j] - cross @ held
-        return Column(model, cross[..., free], along, self.own[..., j], self.unit)
+        parts = cross[..., free], self.along[..., j] - cross @ held, self.own[..., j]
+        folded = tuple(p.sum(axis=0, dtype=float) for p in parts)
+        return Column(self._models[key], *parts, self.unit, folded)
 
 
 def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
