@@ -6,6 +6,7 @@ once."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +36,18 @@ itself: of less, a time is told apart from a run of alike classes by the smaller
 class Column:
     """One column beside a model: products by slow fold F, truck V and slot S. ``cross`` (F, V, S, K) with the
     model's columns, ``along`` (F, V, S) with the residual, ``own`` (F, V, S) with itself; ``unit`` of the
-    losses; ``folded`` the three summed over all folds."""
+    losses."""
 
     model: Beside
     cross: NDArray[np.float32]
     along: Floats
     own: Floats
     unit: float
-    folded: tuple[Floats, ...]
+
+    @cached_property
+    def folded(self) -> tuple[Floats, ...]:
+        """The three products, summed over all folds."""
+        return tuple(p.sum(axis=0, dtype=float) for p in (self.cross, self.along, self.own))
 
     def gain(self, weights: Floats) -> tuple[Floats, Floats]:
         """Return the (N,) gains, in natural logarithms, and steps of the column with (N, V, S) weights."""
@@ -101,8 +106,7 @@ class Slotted:
             moment = (self.moment - self.gram @ held)[:, free]
             self._models[key] = Beside(self.gram[:, free][:, :, free], moment, self.prior.part(free))
         parts = cross[..., free], self.along[..., j] - cross @ held, self.own[..., j]
-        folded = tuple(p.sum(axis=0, dtype=float) for p in parts)
-        return Column(self._models[key], *parts, self.unit, folded)
+        return Column(self._models[key], *parts, self.unit)
 
 
 def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
