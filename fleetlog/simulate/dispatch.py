@@ -190,7 +190,7 @@ class Dispatcher(Occupancy):
             return
         free = [b for b in bays if self.owner[b] < 0]
         if free:
-            self._go(v, min(free, key=lambda b: self._cost(v, b)), stage)
+            self._go(v, min(free, key=lambda b: self._cost(v, b)) if free[1:] else free[0], stage)
         else:
             self._wait_for(v, bays, now)
 

@@ -1,11 +1,9 @@
 """The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn."""
 
-import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
@@ -163,13 +161,6 @@ class Track:
         """The connector from one edge to another."""
         turns = zip(self.source.tolist(), self.target.tolist(), strict=True)
         return {turn: p for p, turn in enumerate(turns) if turn[0] >= 0}
-
-    def pieces(self, edges: NDArray[np.integer]) -> Index:
-        """Lanes and connectors along a chain of edges."""
-        out = [int(edges[0])]
-        for a, b in itertools.pairwise(edges):
-            out += [self.by_turn[int(a), int(b)], int(b)]
-        return np.array(out, dtype=np.int32)
 
 
 def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:

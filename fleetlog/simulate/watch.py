@@ -204,13 +204,12 @@ class Untangler:
         queue += np.where(back >= 0, among[back], 0)
         ways.lose(np.asarray(QUEUED * queue, dtype=np.float64))
         queue[shut] += 1
-        for v in comes[(queue[following[comes]] > 0) & (f.mode[comes] == Mode.DRIVING)].tolist():
-            if f.held_to[v] >= f.held_from[v]:
-                continue
+        may = (f.mode[comes] == Mode.DRIVING) & (f.held_to[comes] < f.held_from[comes])
+        for v in comes[may & (queue[following[comes]] > 0)].tolist():
             way, at, door = f.route[v, f.at[v] : f.last[v] + 1], float(f.s[v]), int(f.door[v])
-            new = ways.onward(int(way[0]), at, self.world.doors[door].bay, shut)
-            gain = 0.0 if new is None else ways.rest(way, at, door) - new.cost
-            if new is not None and (gain > TURN_TIME or (following[v] in shut and new.pieces[2] not in shut)):
+            most = np.inf if following[v] in shut else ways.rest(way, at, door) - TURN_TIME
+            new = ways.onward(int(way[0]), at, self.world.doors[door].bay, shut, most)
+            if new is not None:
                 self._take(v, new)
                 self.count.detours += 1
 

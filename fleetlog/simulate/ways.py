@@ -1,8 +1,8 @@
 """Which lanes lead to one another, and the quickest ways between bays, over all their doors."""
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
+from fleetlog.roads.kernels.routes import quickest
 from fleetlog.roads.routing import Router
 from fleetlog.simulate.doors import Door
 from fleetlog.simulate.track import Track
@@ -24,8 +25,8 @@ NODE, SEEN = 20.0, 2
 """Who changes to the opposite edge within so many metres of its node turns round there, if seen so often."""
 TURN_REACH = 30.0  # A truck turns round at an open end onto lanes that begin at most this far away [m]
 CROSSING = 3.0  # What crossing a lane on the way into a bay or out of it costs in choosing a way [s]
+Begin = tuple[list[int], Index, Floats, Floats]  # Doors, -1: on the road; the rest see ``quickest``
 NO_WAY_BACK = "no lane of the map leads back to where it began"
-AHEAD = 0.5  # A door this much farther along the lane can be reached without a way round [m]
 
 
 def parts(network: Network) -> Ints:
@@ -117,65 +118,49 @@ class Itinerary(NamedTuple):
 
 
 class Ways:
-    """Answers for one site, which are kept."""
+    """Answers for one site, by the traffic that there is."""
 
     def __init__(self, track: Track, router: Router, doors: list[Door], bays: int) -> None:
-        self.track, self.router, self.doors = track, router, doors
+        self.router, self.turns, self._free = router, track.by_turn, router.time
         self.of_bay: list[list[int]] = [[] for _ in range(bays)]
         for d, door in enumerate(doors):
             self.of_bay[door.bay].append(d)
         self.pace = router.time / np.maximum(router.network.length, 1e-9)
-        self._crosses = np.array([door.crosses for door in doors], dtype=np.int64)
-        self._lanes = lru_cache(maxsize=None)(self._search)
-        self._free = router.time
+        self._lane, self._crosses = np.array([(d.lane, d.crosses) for d in doors], np.int32).reshape(-1, 2).T
+        self._at = np.array([d.at for d in doors], np.float64)
+        self._past = (track.length[self._lane] - self._at) * self.pace[self._lane]
         self.lose(np.zeros(len(self._free)))
 
     def lose(self, seconds: Floats) -> None:
         """From now on so many seconds (E,) are lost on lanes, and in crossing them."""
-        time = self._free + seconds
-        self.extra = np.where(self._crosses >= 0, CROSSING + seconds[self._crosses], 0.0)
-        if (time != self.router.time).any():
-            self.router.time = time
-            self._lanes.cache_clear()
+        self.router.time = self._free + seconds
+        extra = np.where(self._crosses >= 0, CROSSING + seconds[self._crosses], 0.0)
+        # What going out by a door, and in by it, add to the time on whole lanes [s].
+        self._out, self._in = extra - self._at * self.pace[self._lane], extra - self._past
 
     def rest(self, pieces: Index, at: float, door: int) -> float:
         """Seconds from offset ``at`` [m] of the first of some pieces to a door on the last; no turns."""
-        lanes, end = pieces[pieces < len(self._free)], self.doors[door]
-        over = (float(self.track.length[end.lane]) - end.at) * self.pace[end.lane]
-        return float(self.router.time[lanes].sum() - at * self.pace[lanes[0]] - over + self.extra[door])
+        lanes = pieces[pieces < len(self._free)]
+        return float(self.router.time[lanes].sum() - at * self.pace[lanes[0]] + self._in[door])
 
     def between(self, start: int, end: int, closed: Iterable[int] = (), only: int = -1) -> Itinerary | None:
         """The quickest way from bay ``start`` to bay ``end``; with ``only`` out of that door."""
-        shut, found = tuple(closed), []
-        for a in self.of_bay[start] if only < 0 else [only]:
-            door = self.doors[a]
-            way = self.onward(door.lane, door.at, end, shut)
-            if way is not None:
-                found.append(way._replace(out=a, cost=way.cost + self.extra[a]))
-        return min(found, key=lambda w: w.cost, default=None)
+        out = self.of_bay[start] if only < 0 else [only]
+        return self._way((out, self._lane[out], self._at[out], self._out[out]), end, closed, np.inf)
 
-    def onward(self, lane: int, at: float, end: int, closed: Iterable[int] = ()) -> Itinerary | None:
-        """The quickest way from offset ``at`` [m] of a lane to bay ``end``."""
-        shut, found = tuple(closed), []
-        for b in self.of_bay[end]:
-            door = self.doors[b]
-            way = self._lanes(lane, door.lane, door.lane != lane or door.at > at + AHEAD, shut)
-            if way is not None:
-                rest = float(self.track.length[door.lane]) - door.at
-                cost = way[1] - at * self.pace[lane] - rest * self.pace[door.lane] + self.extra[b]
-                found.append(Itinerary(-1, b, way[0], cost))
-        return min(found, key=lambda w: w.cost, default=None)
+    def onward(
+        self, lane: int, at: float, end: int, closed: Iterable[int] = (), most: float = np.inf
+    ) -> Itinerary | None:
+        """The quickest way from offset ``at`` [m] of a lane to bay ``end``, if that costs less."""
+        on = np.array([lane], np.int32), np.array([at]), np.array([-at * self.pace[lane]])
+        return self._way(([-1], *on), end, closed, most)
 
-    def _search(self, a: int, b: int, onward: bool, shut: tuple[int, ...]) -> tuple[Index, float] | None:
-        """Pieces from lane ``a`` to ``b``, round the block if it lies behind on the same one; cost [s]."""
-        time = self.router.time
-        if a == b and onward:
-            return np.array([a], dtype=np.int32), float(time[a])
-        if a != b:
-            route = self.router.route(a, b, shut)
-            return None if route is None else (self.track.pieces(route.edges), route.cost)
-        options = [self.router.route(int(s), b, shut) for s in self.track.network.successors(a)]
-        best = min((r for r in options if r is not None), key=lambda r: r.cost, default=None)
-        if best is None:
+    def _way(self, begin: Begin, end: int, closed: Iterable[int], most: float) -> Itinerary | None:
+        ends, graph = self.of_bay[end], self.router.graph(closed)
+        doors = self._lane[ends], self._at[ends], self._in[ends]
+        start, door, chain, cost = quickest(graph, *begin[1:], *doors, most)
+        if start < 0:
             return None
-        return self.track.pieces(np.concatenate([[a], best.edges])), float(time[a]) + best.cost
+        pieces = np.empty(2 * len(chain) - 1, np.int32)
+        pieces[::2], pieces[1::2] = chain, [self.turns[turn] for turn in itertools.pairwise(chain.tolist())]
+        return Itinerary(begin[0][start], ends[door], pieces, cost)

@@ -1,15 +1,18 @@
 """From chosen candidates to routes: connected stretches of directed edges with one path coordinate."""
 
+from heapq import heappop, heappush
 from typing import Any
 
 import numpy as np
 
-from fleetlog.compiling import inner, outer
-from fleetlog.core.arrays import Floats, Index
+from fleetlog.compiling import inner, kernel, outer
+from fleetlog.core.arrays import Floats, Index, Mask
 from fleetlog.roads.kernels.distances import path_between
 from fleetlog.roads.kernels.records import Candidates, Choice, Roads, Routes, Store
 
 LONGEST = 4096  # edges of a path between two groups at most
+AHEAD = 0.5  # an end this much farther along the edge can be reached without a way round [m]
+Graph = tuple[Index, Index, Floats, Floats, Mask, Floats, float]
 
 
 def build_routes(
@@ -114,3 +117,73 @@ def route_posterior(choice: Choice, near: Candidates, routes: Routes, out: Float
                     total += posterior[c]
                     break
         out[g] = min(total, 1.0)
+
+
+@kernel()
+def astar(graph: Graph, source: np.int32, target: np.int32, most: float) -> tuple[Index, Floats]:
+    """Cheapest chain of edges from ``source`` to ``target``; and the cost at each.  Empty if there is none,
+    or none whose cost up to the target is below ``most``.  Among equal costs the predecessor with the lower
+    number wins.
+
+    The ``graph`` has ``next_first`` and ``next_edges``, the cost of driving all of an edge, that of the turn
+    next_edges[k], closed edges, starts (E, 3), and cost per metre: times the straight line never more than
+    the cost from start to start (consistent: the first arrival is the best)."""
+    next_first, next_edges, cost, turn_cost, closed, starts, least = graph
+    edges = len(cost)
+    best = np.full(edges, np.inf)
+    came = np.full(edges, -1, dtype=np.int32)
+    done = np.zeros(edges, dtype=np.bool_)
+    best[source] = 0.0
+    end = starts[target]
+    heap = [(0.0, source)]
+    while len(heap) > 0:
+        bound, i = heappop(heap)
+        if bound >= most:
+            break
+        if done[i]:
+            continue
+        done[i] = True
+        if i == target:
+            break
+        onward = best[i] + cost[i]
+        for k in range(next_first[i], next_first[i + 1]):
+            j = next_edges[k]
+            if closed[j] or done[j]:
+                continue
+            there = onward + turn_cost[k]
+            if there < best[j] or (there == best[j] and i < came[j]):
+                best[j] = there
+                came[j] = i
+                x, y, z = starts[j, 0] - end[0], starts[j, 1] - end[1], starts[j, 2] - end[2]
+                heappush(heap, (there + least * np.sqrt(x * x + y * y + z * z), j))
+    if not done[target]:
+        return np.empty(0, dtype=np.int32), np.empty(0, dtype=np.float64)
+    chain = [target]
+    while chain[-1] != source:
+        chain.append(came[chain[-1]])
+    edges_of = np.array(chain[::-1], dtype=np.int32)
+    return edges_of, best[edges_of]
+
+
+@kernel()
+def quickest(
+    graph: Graph, starts: Index, at: Floats, before: Floats, ends: Index, ends_at: Floats, after: Floats,
+    most: float,
+) -> Any:  # fmt: skip
+    """The cheapest way from an offset ``at`` [m] of one of ``starts`` to offset ``ends_at`` of one of
+    ``ends``: numbers of both, edges, cost; -1 if none costs less than ``most``.  ``before`` and ``after`` are
+    what start and end add to the cost of all edges, both ends whole."""
+    next_first, next_edges, cost = graph[:3]
+    start, end, best = -1, -1, np.empty(0, np.int32)
+    for i in range(len(starts)):
+        for j in range(len(ends)):
+            a, z = starts[i], ends[j]
+            # Round the block where the end lies behind.
+            behind = a == z and ends_at[j] <= at[i] + AHEAD
+            over = before[i] + after[j] + cost[z] + (cost[a] if behind else 0.0)
+            for first in next_edges[next_first[a] : next_first[a + 1]] if behind else starts[i : i + 1]:
+                chain, entered = astar(graph, first, z, most - over)
+                if len(chain) > 0:
+                    start, end, most = i, j, entered[-1] + over
+                    best = np.append(starts[i : i + 1], chain) if behind else chain
+    return start, end, best, most
