@@ -20,8 +20,8 @@ PLAN = 0.9  # Share of its braking that a truck plans with
 STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
 NOT_ZERO: dict[str, float] = {
     "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,
-    "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf, "hand_start": -np.inf,
-    "until": np.inf, "attention": 1,
+    "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf,
+    "hand_start": -np.inf, "until": np.inf, "attention": 1,
 }  # fmt: skip
 """What trucks that are nowhere yet, and empty roads, begin with; all else with 0."""
 DRIVER = {

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from simulated_sites import TRUCK, aisle, grid, place
 
+from fleetlog.simulate.junctions import GAP
+from fleetlog.simulate.kernels.gates import ask
+from fleetlog.simulate.state import Mode, Trucks, limits_of, new_fleet
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.simulate.world import build_world
 
@@ -114,3 +117,19 @@ def test_who_comes_to_a_queue_takes_another_way():
     assert free.pieces[2] not in ways.onward(lane, 5.0, far).pieces
     ways.lose(np.zeros(len(network)))
     assert ways.onward(lane, 5.0, far).pieces.tolist() == free.pieces.tolist()
+
+
+def test_who_crosses_a_lane_asks_for_both_lanes_or_for_neither():
+    """Two that wait across from each other, with one lane each, would hold up each other's queues for ever."""
+    world = build_world(grid(3, 3, 60.0), TRUCK, 5)
+    roads, kinds = world.roads, Trucks.given(TRUCK, 2)
+    x = limits_of([TRUCK], kinds.of, TRUCK.chassis.length, GAP)
+    fleet = new_fleet(2, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
+    door = int(np.flatnonzero(roads.door_crosses >= 0)[0])
+    lanes = [roads.door_lane[door], roads.door_crosses[door]]
+    fleet.mode[:], fleet.door[:], fleet.asks[lanes[1]] = Mode.WANTS_OUT, door, 1
+    ask.py_func(roads, fleet, 0, x, True)
+    assert fleet.asks[lanes].tolist() == [-1, 1]
+    fleet.asks[lanes[1]] = -1
+    ask.py_func(roads, fleet, 0, x, True)
+    assert fleet.asks[lanes].tolist() == [0, 0]

@@ -30,24 +30,31 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
 
 @inner
 def ask(r: Roads, f: Fleet, v: int, x: Limits, room: bool) -> None:
-    """Ask those on the lane that ``v`` comes out onto to stop, with ``room`` there those it crosses too."""
+    """Ask those on the lane that ``v`` comes out onto to stop, with ``room`` there those it crosses too. Both
+    or neither: who had one of two lanes could wait for the other for ever."""
     d = f.door[v]
-    if f.mode[v] == Mode.WANTS_OUT and f.asks[r.door_lane[d]] < 0:
-        f.asks[r.door_lane[d]] = v
-        f.ask_at[r.door_lane[d]] = r.door_at[d] - x.length - x.gap - SHORT
-    c = r.door_crosses[d]
-    if c >= 0 and f.asks[c] < 0 and room:
-        f.asks[c] = v
-        f.ask_at[c] = r.door_low[d] - SHORT
+    own, c = r.door_lane[d] if f.mode[v] == Mode.WANTS_OUT else -1, r.door_crosses[d] if room else -1
+    for lane in (own, c):
+        if lane >= 0 and f.asks[lane] >= 0 and f.asks[lane] != v:
+            return
+    for lane, at in ((own, r.door_at[d] - x.length - x.gap), (c, r.door_low[d])):
+        if lane >= 0:
+            f.asks[lane], f.ask_at[lane] = v, at - SHORT
+
+
+@inner
+def asks_no_more(r: Roads, f: Fleet, v: int) -> None:
+    """Nobody stops for truck ``v`` any longer."""
+    for lane in (r.door_lane[f.door[v]], r.door_crosses[f.door[v]]):
+        if lane >= 0 and f.asks[lane] == v:
+            f.asks[lane] = -1
 
 
 @inner
 def take_spur(r: Roads, f: Fleet, v: int) -> None:
     """Reserve the way into a bay or out of it, and the lane that it crosses; ask no longer."""
     d = f.door[v]
-    for lane in (r.door_lane[d], r.door_crosses[d]):
-        if lane >= 0 and f.asks[lane] == v:
-            f.asks[lane] = -1
+    asks_no_more(r, f, v)
     if r.door_crosses[d] >= 0:
         f.crossed[r.door_crosses[d]] = v
     f.held[len(r.length) + 2 * len(r.clear) + d] += 1
@@ -112,21 +119,18 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
 @inner
 def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     """Back out of a bay if the road is clear: 0 done, 1 not yet."""
-    d = f.door[v]
-    lane = r.door_lane[d]
+    d, lane = f.door[v], r.door_lane[f.door[v]]
     spur = len(r.length) + 2 * len(r.clear) + d
     late, free = now - f.waits[v] > x.patience, is_safe_lane(r, lane)
-    ring = free and fills_ring(r, f, v, 0)
-    room = not ring and (not free or f.on[lane] + f.inbound[lane] < r.capacity[lane])
-    for asked in (lane, r.door_crosses[d]):
+    asks_no_more(r, f, v)
+    if free and fills_ring(r, f, v, 0):
         # Nobody stops for one that could not come even so; behind it a ring would never come apart.
-        if asked >= 0 and f.asks[asked] == v and (ring or (not room and asked != lane)):
-            f.asks[asked] = -1
-    if late and not ring:
-        ask(r, f, v, x, room)
-    if ring or not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, False):
         return 1
-    if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
+    if late:
+        ask(r, f, v, x, not free or f.on[lane] + f.inbound[lane] < r.capacity[lane])
+    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, False):
+        return 1
+    if not free and acquire(r, f, v, 0, x, late) != 0:
         return 1
     take_spur(r, f, v)
     f.s[v], f.piece[v] = r.door_at[d], lane
