@@ -10,9 +10,11 @@ Tasks are endless on both sides: to a random place, stand beside the road, to an
 ``free``   as published on grids: an agent goes to any neighbouring cell, on any side of the road, and into a cell that
            another leaves in the same step, whichever way that goes.  It vanishes when it arrives, anywhere.
 ``lanes``  on the same map: it keeps to its lane, its places are the bays of the simulated site, with their doors, and it
-           keeps its cell while it turns in or out.  It does not follow round a corner into a cell that is being left:
-           trucks of 3.0 by 1.2 m would overlap there (halfway both are within 0.2 m of the corner).  No other number
-           is changed; it may still turn round within a crossing, and start and stop at once.
+           keeps its cell while it turns in or out, with the cell of the opposite lane that it crosses on the way: its
+           footprint lies over it.  For that it pushes others away as for a cell that it goes to.  It does not follow
+           round a corner into a cell that is being left: trucks of 3.0 by 1.2 m would overlap there (halfway both are
+           within 0.2 m of the corner).  No other number is changed; it may still turn round within a crossing, and
+           start and stop at once.
 
 The truck of ``sharp`` is made comparable the other way: it gathers and loses speed within a cell and turns at the
 speed limit.  All fleets meet the same site: places for the largest of them.
@@ -72,6 +74,7 @@ class Agents:
         self.goal = self.rng.integers(self.cells, size=agents).tolist()
         self.priority = self.rng.random(agents)
         self.away, self._on = np.zeros(agents, int), [True] * agents
+        self._across: dict[int, int] = {}  # Cells that an agent crosses, beside its own
         self.arrivals = 0
 
         self.at = at
@@ -96,13 +99,14 @@ class Agents:
     def step(self) -> None:
         """Everyone goes on by a cell at most; who is done leaves the road to stand beside it."""
         self.away = np.maximum(self.away - 1, 0)
-        taken = {c for v, c in enumerate(self.where) if self._on[v]}
+        taken = {c for v, c in enumerate(self.where) if self._on[v]} | self._across.keys()
         for v in np.argsort(-self.priority).tolist():
             if not self._on[v] and self.away[v] == 0:
                 self._come(v, taken)
         self._now = {self.where[v]: v for v in range(len(self.where)) if self._on[v]}
         self._chosen = {v: self.where[v] for v in self._now.values() if self._stays(v)}
-        self._next = {cell: v for v, cell in self._chosen.items()}
+        self._next = {cell: v for v, cell in self._chosen.items()} | self._across
+        self._now |= self._across
         for v in np.argsort(-self.priority).tolist():
             if self._on[v] and v not in self._chosen:
                 self._choose(v, -1)
@@ -172,9 +176,13 @@ class LaneAgents(Agents):
                 self._behind[c].append(k)
         track = world.track
 
-        def cell(door: int) -> int:
-            d = world.doors[door]
-            k = int(track.first[d.lane] + round(d.at / track.spacing[d.lane]))
+        def cell(lane: int, at: float) -> int:
+            k = int(
+                np.clip(
+                    track.first[lane] + round(at / track.spacing[lane]),
+                    *track.first[lane : lane + 2] - [0, 1],
+                )
+            )
             along = [int(np.clip((p[k] + CELL) // CELL, 0, size - 1)) for p in (track.x, track.y)]
             c, s = np.cos(track.heading[k]), np.sin(track.heading[k])
             if abs(c) > abs(s):
@@ -183,7 +191,12 @@ class LaneAgents(Agents):
                 along[0] = round(track.x[k] / PITCH) * road + int(s > 0.0)
             return number[along[0], along[1]]
 
-        self.doors = [[cell(d) for d in doors] for doors in world.ways.of_bay]
+        def across(d) -> int:
+            """The cell of the lane that a door crosses, else its own."""
+            return cell(d.crosses, 0.5 * (d.low + d.high)) if d.crosses >= 0 else cell(d.lane, d.at)
+
+        ways = [[world.doors[d] for d in doors] for doors in world.ways.of_bay]
+        self.doors = [{cell(d.lane, d.at): across(d) for d in reversed(doors)} for doors in ways]
         self.bay = self.rng.permutation(len(self.doors))[:agents].tolist()
         self._taken, self._manoeuvre = set(self.bay), manoeuvre
         self.where, self._on, self._turns_in = [-1] * agents, [False] * agents, [False] * agents
@@ -198,27 +211,52 @@ class LaneAgents(Agents):
 
     def _ends(self, goal: int) -> list[int]:
         """The cells of the doors of a bay."""
-        return list(dict.fromkeys(self.doors[goal]))
+        return list(self.doors[goal])
 
     def _come(self, v: int, taken: set[int]) -> None:
-        far = self.distance(self.goal[v])
-        out = min(self.doors[self.bay[v]], key=lambda c: far[c])
-        if out not in taken:
-            self._on[v], self._turns_in[v], self._busy[v] = True, False, self._manoeuvre
-            self.where[v] = out
-            taken.add(out)
+        far, doors = self.distance(self.goal[v]), self.doors[self.bay[v]]
+        out = min(doors, key=lambda c: far[c])
+        if not taken & {out, doors[out]}:
+            self._on[v], self.where[v] = True, out
+            self._turn(v, doors[out], inward=False)
+            taken |= {out, doors[out]}
             self._taken.discard(self.bay[v])
+
+    def _turn(self, v: int, across: int, inward: bool) -> None:
+        """Begin to turn in or out."""
+        self._turns_in[v], self._busy[v] = inward, self._manoeuvre
+        self._across[across] = v
 
     def _stays(self, v: int) -> bool:
         """Who turns in or out keeps its cell meanwhile."""
         return self._busy[v] > 0
 
+    def _choose(self, v: int, pusher: int) -> bool:
+        here = self.where[v]
+        across = self.doors[self.goal[v]].get(here)
+        if across is None or here in self._next or across in self._next:
+            return super()._choose(v, pusher)
+        self._next[here] = self._next[across] = v
+        self._chosen[v] = here
+        other = self._now.get(across)
+        if other in (None, v) or self._chosen.get(other, across) != across or self._choose(other, v):
+            self._turn(v, across, inward=True)
+            return False
+        del self._next[here], self._chosen[v]
+        if self._next[across] == v:
+            del self._next[across]
+        return super()._choose(v, pusher)
+
     def _done(self, v: int, cell: int) -> bool:
         if self._busy[v] > 0:
             self._busy[v] -= 1
+            if self._busy[v] == 0:
+                self._across = {c: u for c, u in self._across.items() if u != v}
             return self._busy[v] == 0 and self._turns_in[v]
-        if cell in self.doors[self.goal[v]]:
-            self._turns_in[v], self._busy[v] = True, self._manoeuvre
+        across = self.doors[self.goal[v]].get(cell)
+        if across == cell or (across is not None and across not in self._next):
+            self._turn(v, across, inward=True)
+            self._next[across] = v
         return False
 
     def _go_on(self, v: int) -> None:
