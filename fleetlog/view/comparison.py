@@ -14,7 +14,7 @@ from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, clock, palette
 from fleetlog.view.clock import dataset_outline, opened, span_of
 from fleetlog.view.fleet import Fleet, curve_style, log_curve
-from fleetlog.view.recording import MANY, RATE, log_fleet, summary_markdown
+from fleetlog.view.recording import MANY, RATE, drawn, log_fleet, summary_markdown
 from fleetlog.view.scene import log_site
 from fleetlog.view.stream import Stream, entity, open_stream
 
@@ -57,10 +57,14 @@ def write_comparison(
     text = "Recorded in orange, simulated in blue.\n"
     text += f"\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else ""
     text = "\n".join([text, *(summary_markdown(d, figures=False) for d in (recorded, simulated))])
-    with open_stream(Path(out_rrd), f"{recorded.site.name} (recorded and simulated)", screen.start) as stream:
+    name = f"{recorded.site.name} (recorded and simulated)"
+    with (
+        drawn(a, screen) as days, drawn(b, screen) as others,
+        open_stream(Path(out_rrd), name, screen.start) as stream,
+    ):  # fmt: skip
         log_site(stream, recorded.site)
-        log_fleet(stream, screen, a)
-        log_fleet(stream, screen, b)
+        log_fleet(stream, screen, a, days)
+        log_fleet(stream, screen, b, others)
         # A simulation with this figure drove the trips of a recording again.
         again = "distance_ratio" in (simulated.meta.get("summary") or {})
         found = _log_differences(stream, a, b) if again else _log_totals(stream, a, b)

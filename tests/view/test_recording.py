@@ -13,6 +13,7 @@ from fixtures_view import START, plant, write_fleet
 from rerun.chunk import RrdReader
 
 from fleetlog.core.trajectory import Labels, Trajectory
+from fleetlog.errors import DataError
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.view.fleet import heights
 from fleetlog.view.recording import write_recording
@@ -208,7 +209,7 @@ def test_older_recording_stays_when_writing_fails(
     out = write_recording(dataset, tmp_path / "r.rrd", rate_hz=0.5)
     before = out.read_bytes()
     monkeypatch.setattr("fleetlog.view.recording.log_day", lambda *a: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(DataError, match="ZeroDivisionError"):
         write_recording(dataset, out)
     assert out.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["r.rrd"]
 
