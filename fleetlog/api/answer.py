@@ -155,7 +155,7 @@ def write_folder(result: Result, site: Site, folder: Path) -> None:
     from fleetlog.view.picture import write_picture
     from fleetlog.view.results import write_result_recording
 
-    engine = engines.here()
+    engine = engines.current()
     engine = engine if engine.pays(PICTURE_COST) else engines.Engine()
     beside = (
         partial(write_result, result, folder, site.frame),

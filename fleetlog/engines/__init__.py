@@ -100,12 +100,6 @@ def using(workers: int | None = None, scheduler: str | None = None) -> Iterator[
         engine.close()
 
 
-def here() -> Engine:
-    """The engine in use, where its workers share memory and files with this process."""
-    engine = _current.get()
-    return Engine() if isinstance(engine, Cluster) else engine
-
-
 def cores() -> int:
     """Processes worth starting: the cores that this one may use, as far as memory goes round."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -142,14 +136,15 @@ class Cluster(Engine):
     def _done(
         self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks
     ) -> Iterator[R | Failure]:
-        """The scheduler gives the jobs of a lost worker to others."""
+        """The scheduler gives the jobs of a lost worker to others. With tasks ``beside`` all is done here."""
+        if beside:
+            yield from super()._done(work, jobs, name, beside)
+            return
         futures: list[Any] = []
         try:
             for turn, job in enumerate(jobs):
                 for later in jobs[turn + len(futures) : turn + AHEAD * self.workers]:
                     futures.append(self.client.submit(attempt, work, later, name, pure=False))
-                for task in () if turn else beside:
-                    task()
                 yield self._outcome(futures[0], name(job))
                 del futures[0]
         finally:

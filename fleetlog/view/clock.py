@@ -16,13 +16,11 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import InputError
 from fleetlog.store import Dataset
-from fleetlog.store.days import each_day
 
 SKIPPED = "gaps skipped"  # Name of the timeline without silences: weeks play as their shifts
 MINUTE, QUIET, DAY = 60_000_000, 30, 86_400_000_000
 """A silence of the whole fleet longer than so many minutes is skipped; a minute and a day [us]."""
 MOST_LINES, MOST_DAYS = 20, 7  # Periods that the summary names, and days that an error names
-MINUTES_COST = 0.1e-6  # Of a row whose minute is looked at [s]
 GAP = 10_000_000  # A silence longer than this [us], and than five sampling intervals, is shown as a gap
 Extent = tuple[float, float, float, float]  # xmin, ymin, xmax, ymax [m]
 
@@ -91,13 +89,8 @@ def clock_of(dataset: Dataset) -> Clock | None:
     """The clock that skips the silences of a recording; None where it has none."""
     if dataset.kind != "recorded":
         return None
-    days = each_day(dataset, _minutes, cost=MINUTES_COST)
+    days = [np.unique(t.time // MINUTE) for t in dataset.days(())]
     return skipping(np.unique(np.concatenate([np.zeros(0, np.int64), *days])))
-
-
-def _minutes(dataset: Dataset, vehicle: str, date: str) -> Ints:
-    """The minutes with rows of one vehicle-day."""
-    return np.unique(dataset.read(vehicle, date, ()).time // MINUTE)
 
 
 def skipping(minutes: Ints) -> Clock | None:

@@ -78,7 +78,8 @@ def write_recording(
     if (clock := clock_of(dataset)) is not None:
         screen.timeline, screen.duration = SKIPPED, clock.seconds
     fleet, name = Fleet(dataset, rate_hz), f"{site.name} ({dataset.kind})"
-    with drawn(fleet, screen, clock) as days, open_stream(Path(out_rrd), name, screen.start, clock) as stream:
+    with drawn(fleet, screen, clock) as days, open_stream(Path(out_rrd), name, screen.start) as stream:
+        stream.clock = clock
         log_site(stream, site)
         periods = [] if clock is None else [*(f"- {line}" for line in clock.lines()), "", ""]
         # The figures of a dataset are of all its days.
@@ -122,7 +123,8 @@ def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet, days: Days
         return
     signals, ways = defaultdict[str, set[str]](set), defaultdict[str, list[Floats]](list)
     for vehicle, tape, found, driven in days:
-        tape.play(stream)
+        for name, args, more in tape:
+            getattr(stream.recording, name)(*args, **more)
         signals[vehicle] |= found
         ways[vehicle] += driven
     screen.names = tuple(f"{lane.vehicle} {fleet.name}".strip() for lane in lanes)

@@ -38,24 +38,16 @@ def verbatim(text: str) -> str:
     return re.sub(r"([\\`*_\[\]<>!#|~&])", r"\\\1", " ".join(text.split()))
 
 
-class Tape:
-    """Stands in for a recording stream in another process: what was sent into it, to be played here."""
-
-    def __init__(self) -> None:
-        self.sent: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+class Tape(list[tuple[str, tuple[Any, ...], dict[str, Any]]]):
+    """Stands in for a recording stream in another process: what was sent into it, to be sent on here."""
 
     def log(self, *args: Any, **more: Any) -> None:
         """As of a recording stream."""
-        self.sent.append(("log", args, more))
+        self.append(("log", args, more))
 
     def send_columns(self, *args: Any) -> None:
         """As of a recording stream."""
-        self.sent.append(("send_columns", args, {}))
-
-    def play(self, stream: "Stream") -> None:
-        """Send everything on."""
-        for name, args, more in self.sent:
-            getattr(stream.recording, name)(*args, **more)
+        self.append(("send_columns", args, {}))
 
 
 def _told(descriptor: Any) -> tuple[Any, ...]:
@@ -107,9 +99,7 @@ def as_strips(strips: Sequence[Singles] | pa.Array, lengths: Ints | None = None)
 
 
 @contextmanager
-def open_stream(
-    path: Path, name: str, start: Ints | int | None = None, clock: Clock | None = None
-) -> Iterator[Stream]:
+def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Iterator[Stream]:
     """A stream into the .rrd file ``path``, which appears whole, replacing an older one; errors raise."""
     rr.set_strict_mode(True)
     # No recording id of our own: the viewer would take two files of one id for one recording.
@@ -126,7 +116,7 @@ def open_stream(
                     if start is not None:
                         recording.send_recording_start_time_nanos(int(start) * 1000)
                     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-                    yield Stream(recording, clock)
+                    yield Stream(recording)
                 finally:
                     recording.disconnect()
         except RuntimeError as error:
