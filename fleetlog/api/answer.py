@@ -157,10 +157,8 @@ def write_folder(result: Result, site: Site, folder: Path) -> None:
 
     engine = engines.current()
     engine = engine if engine.pays(PICTURE_COST) else engines.Engine()
-    beside = (
-        partial(write_result, result, folder, site.frame),
-        partial(write_result_recording, result, site, folder / "recording.rrd"),
-    )
+    recording = partial(write_result_recording, result, site, folder / "recording.rrd")
+    beside: engines.Tasks = [partial(write_result, result, folder, site.frame), recording]
     for _ in engine.run(partial(write_picture, result, site), [folder / f"{result.name}.png"], beside=beside):
         pass
 

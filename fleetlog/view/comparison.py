@@ -57,14 +57,11 @@ def write_comparison(
     text = "Recorded in orange, simulated in blue.\n"
     text += f"\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else ""
     text = "\n".join([text, *(summary_markdown(d, figures=False) for d in (recorded, simulated))])
-    name = f"{recorded.site.name} (recorded and simulated)"
-    with (
-        drawn(a, screen) as days, drawn(b, screen) as others,
-        open_stream(Path(out_rrd), name, screen.start) as stream,
-    ):  # fmt: skip
+    fleets = [(fleet, drawn(fleet, screen)) for fleet in (a, b)]
+    with open_stream(Path(out_rrd), f"{recorded.site.name} (recorded and simulated)", screen.start) as stream:
         log_site(stream, recorded.site)
-        log_fleet(stream, screen, a, days)
-        log_fleet(stream, screen, b, others)
+        for fleet, days in fleets:
+            log_fleet(stream, screen, fleet, days)
         # A simulation with this figure drove the trips of a recording again.
         again = "distance_ratio" in (simulated.meta.get("summary") or {})
         found = _log_differences(stream, a, b) if again else _log_totals(stream, a, b)

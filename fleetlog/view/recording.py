@@ -12,8 +12,7 @@ Rows of a vehicle each would cost more than twice the file, and two hundred curv
 import itertools
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
@@ -78,7 +77,8 @@ def write_recording(
     if (clock := clock_of(dataset)) is not None:
         screen.timeline, screen.duration = SKIPPED, clock.seconds
     fleet, name = Fleet(dataset, rate_hz), f"{site.name} ({dataset.kind})"
-    with drawn(fleet, screen, clock) as days, open_stream(Path(out_rrd), name, screen.start) as stream:
+    days = drawn(fleet, screen, clock)
+    with open_stream(Path(out_rrd), name, screen.start) as stream:
         stream.clock = clock
         log_site(stream, site)
         periods = [] if clock is None else [*(f"- {line}" for line in clock.lines()), "", ""]
@@ -90,14 +90,12 @@ def write_recording(
     return Path(out_rrd)
 
 
-@contextmanager
-def drawn(fleet: Fleet, screen: blueprint.Screen, clock: Clock | None = None) -> Iterator[Days]:
+def drawn(fleet: Fleet, screen: blueprint.Screen, clock: Clock | None = None) -> Days:
     """Every vehicle-day of a fleet of few vehicles, on the engine in use. The workers are there before a
     stream is open: a process must not be forked while Rerun's threads are at work."""
-    few = len(fleet.dataset.vehicles) < MANY
-    with closing(each_day(fleet.dataset, _drawn, fleet, screen.start, clock, cost=ROW_COST)) as days:
-        first = list(itertools.islice(days, 1 if few else 0))
-        yield itertools.chain(first, days)
+    days = each_day(fleet.dataset, _drawn, fleet, screen.start, clock, cost=ROW_COST)
+    first = list(itertools.islice(days, 1 if len(fleet.dataset.vehicles) < MANY else 0))
+    return itertools.chain(first, days)
 
 
 def _drawn(
