@@ -43,9 +43,9 @@ def diagnose(
     """Say where recording and model differ, and what was left out.
 
     ``site`` takes the place of the dataset's own; ``channels`` and ``terms`` restrict what is looked at and
-    what may be named; the columns ``without`` are withheld; nothing but the final scores reads what ``holdout``
-    keeps back; what the rows of ``against``, a simulated dataset, show beyond the nominal truck is then part
-    of the model.
+    what may be named; the columns ``without`` are withheld; nothing but the final scores reads what
+    ``holdout`` keeps back; what the rows of ``against``, a simulated dataset, show beyond the nominal truck
+    is then part of the model.
 
     :class:`DataError` where no channel can be judged, :class:`ArgumentError` where a name is unknown.
     """
