@@ -23,7 +23,8 @@ from fleetlog.store.days import Part, each_day, each_part
 from fleetlog.store.trips import STANDING_SPEED
 
 HOUR = 3_600_000_000
-HOURS = 2  # Of a day that one job looks at
+HOURS = (6, 4, 3, 2, 1)  # Of a day that one job looks at: the most with no more than ``STEPS`` of all trucks
+STEPS = 2_000_000
 ROW_COST = 2e-6
 SILENCE = 60_000_000  # Without a row of any truck nothing is watched [us]; pauses of a log are shorter
 OF_TRIP = ("vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end")
@@ -104,16 +105,18 @@ def us(time: str) -> int:
 
 
 def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:
-    """The time grid in jobs of ``HOURS`` hours of one day; each reads also the days beside it."""
+    """The time grid in jobs of some hours of one day; each reads the whole day, and the days beside it."""
+    steps = len(watched.vehicles) * HOUR / watched.step
+    hours = next((h for h in HOURS if h * steps <= STEPS), HOURS[-1])
     for date in dataset.dates:
         near = [str(np.datetime64(date, "D") + k) for k in (-1, 0, 1)]
         reads = tuple((v, d) for v, d in dataset.vehicle_days if d in near)
-        for hour in range(0, 24, HOURS):
+        for hour in range(0, 24, hours):
             begin = us(date) + hour * HOUR
             start = max(-(-begin // watched.step) * watched.step, watched.start)
-            stop = min(begin + HOURS * HOUR, watched.stop)
+            stop = min(begin + hours * HOUR, watched.stop)
             if start < stop:
-                yield Part(f"date={date}/hour={hour:02d}", (date, start, stop), reads)
+                yield Part(f"date={date}/hour={hour:02d}+{hours}", (date, start, stop), reads)
 
 
 def free_speeds(dataset: Dataset, network: Network) -> Floats:

@@ -1,37 +1,34 @@
 """Numba kernels of the analyses: clusters of trucks along the roads, and the sums of a heat map."""
 
+from typing import Any
+
 import numpy as np
 
-from fleetlog.compiling import kernel
+from fleetlog.compiling import kernel, outer
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
-from fleetlog.roads.kernels.distances import forget, longer, search
+from fleetlog.core.network import Network
+from fleetlog.roads.candidates import prepare
+from fleetlog.roads.kernels.distances import ensure, new_store, roomier
+from fleetlog.roads.kernels.records import Roads, Store
 
 
-@kernel()
-def reachable(
-    length: Floats, next_first: Index, next_edges: Index, most: float
-) -> tuple[Ints, Index, Floats]:
-    """Edges that start within ``most`` metres of the end of each edge, nearest first: CSR (first, edges,
-    distances). Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network
-    forbids, U-turns among them, are never implied."""
-    n = len(length)
-    first = np.zeros(n + 1, np.int64)
-    size, used = 16 * n + 16, 0
-    edges, distances = np.empty(size, np.int32), np.empty(size)
-    best, before, found = np.full(n, np.inf), np.empty(n, np.int32), np.empty(n, np.int32)
-    room = len(next_edges) + n + 8
-    heap_d, heap_e = np.empty(room), np.empty(room, np.int32)
-    for source in range(n):
-        count = search(source, most, next_first, next_edges, length, best, before, heap_d, heap_e, found)
-        if used + count > size:
-            size = 2 * (used + count)
-            edges, distances = longer(edges, size), longer(distances, size)
-        for i in range(count):
-            edges[used + i], distances[used + i] = found[i], best[found[i]]
-        forget(source, count, next_first, next_edges, best, found)
-        used += count
-        first[source + 1] = used
-    return first, edges[:used].copy(), distances[:used].copy()
+@outer
+def _reach(store: Store, roads: Roads, most: float, begin: int) -> Any:
+    """Store what lies within ``most`` [m] of edge ``begin`` and later ones; the first without room for it."""
+    for source in range(begin, len(roads.length)):
+        if not ensure(store, roads, source, most):
+            return source
+    return len(roads.length)
+
+
+def reachable(network: Network, most: float) -> tuple[Ints, Ints, Index, Floats]:
+    """The edges that start within ``most`` metres of the end of each edge, nearest first: of edge e those of
+    the rows from begin[e] on, count[e] of them: (begin, count, edge, distance). Along turns that the network
+    allows, so that forbidden ones, U-turns among them, are never implied."""
+    at, roads, store = 0, prepare(network).roads, new_store(len(network), len(network.next_edges))
+    while (at := _reach(store, roads, most, at)) < len(network):
+        store = roomier(store)
+    return store.begin, store.reached, store.target, store.away
 
 
 @kernel()
@@ -44,23 +41,17 @@ def _root(parent: Index, i: int) -> int:
 
 @kernel()
 def cluster_steps(
-    edge: Index, offset: Floats, length: Floats, first: Ints, edges: Index, distances: Floats, limit: float
-) -> tuple[Index, Index, Ints]:
+    edge: Index, offset: Floats, length: Floats, begin: Ints, count: Ints, edges: Index, distances: Floats,
+    limit: float,
+) -> tuple[Index, Index, Ints]:  # fmt: skip
     """Weakly connected components of the arcs not longer than ``limit``, at every time step.
 
-    Parameters
-    ----------
     edge, offset : (T, V); edge -1 where a truck is absent or masked.
-    first, edges, distances : from :func:`reachable`.
+    begin, count, edges, distances : from :func:`reachable`.
 
-    Returns
-    -------
-    labels : (T, V) the smallest truck index of the cluster; -1 absent.
-    arcs : (A, 2) arcs, truck to truck, that hold each cluster together: as few as can be.
-    arc_first : (T + 1,) arcs of step t are arcs[arc_first[t]:arc_first[t + 1]].
+    Returns labels (T, V), the smallest truck index of the cluster, -1 absent; arcs (A, 2), truck to truck,
+    that hold each cluster together, as few as can be; of step t those from arc_first[t] to arc_first[t + 1].
 
-    Notes
-    -----
     On one edge it is enough to join neighbours in order, and between edges the last truck of the one with
     the first of the other: any other pair within the limit is then joined through them, since distances
     along a way only add."""
@@ -108,7 +99,7 @@ def cluster_steps(
                 p = q
             k = tail[e]
             rest = limit - (length[e] - offset[t, k])
-            for i in range(first[e], first[e + 1]):
+            for i in range(begin[e], begin[e] + count[e]):
                 if distances[i] > rest:
                     break
                 m = head[edges[i]]

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fleetlog import scratch
+from fleetlog import engines, scratch
 from fleetlog.api.inputs import PathLike, files_of
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from fleetlog.store import Dataset
 
 HEAD = 5  # Rows of a table in a notebook
+PICTURE_COST = 1.0  # Of a picture, about [s]
 
 
 @dataclass
@@ -154,9 +155,12 @@ def write_folder(result: Result, site: Site, folder: Path) -> None:
     from fleetlog.view.picture import write_picture
     from fleetlog.view.results import write_result_recording
 
-    write_result(result, folder, site.frame)
-    write_picture(result, site, folder / f"{result.name}.png")
-    write_result_recording(result, site, folder / "recording.rrd")
+    engine = engines.current()
+    engine = engine if engine.pays(PICTURE_COST) else engines.Engine()
+    recording = partial(write_result_recording, result, site, folder / "recording.rrd")
+    beside: engines.Tasks = [partial(write_result, result, folder, site.frame), recording]
+    for _ in engine.run(partial(write_picture, result, site), [folder / f"{result.name}.png"], beside=beside):
+        pass
 
 
 def dataset_answer(

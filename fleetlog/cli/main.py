@@ -1,5 +1,6 @@
 """``fleetlog``: the verbs; the one place that turns errors into a line and an exit status."""
 
+import gc
 import logging
 import os
 import re
@@ -14,6 +15,8 @@ from fleetlog import __version__, interrupt
 from fleetlog.cli.commands import Listed, load_verb, notice, verb_lines
 from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
 
+GARBAGE = 50_000  # Objects between two searches for garbage: loading libraries makes many and no garbage
+
 cli = Listed(
     verb_lines, load_verb, name="fleetlog",
     help="Replay, simulate and explain the logs of electric vehicle fleets.",
@@ -27,6 +30,7 @@ def entry() -> None:
     # BLAS threads that spin on a busy machine cost more than they give; must be set before numpy loads.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    gc.set_threshold(GARBAGE)
     _open_streams()
     interrupt.install()
     if not os.environ.get("FLEETLOG_DEBUG"):  # warnings of libraries name source files

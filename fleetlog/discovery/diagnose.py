@@ -42,20 +42,12 @@ def diagnose(
 ) -> Diagnosis:  # fmt: skip
     """Say where recording and model differ, and what was left out.
 
-    Parameters
-    ----------
-    dataset : the recording.
-    truck : the nominal truck.
-    site : in place of the one that the dataset was made with.
-    channels, terms : restrict what is looked at, and what may be named; all by default.
-    without : columns of the recording that are withheld.
-    holdout : ``trips``, ``vehicles`` or ``days``: what nothing but the final scores reads.
-    against : a simulated dataset; what its own rows show beyond the nominal truck is then part of the model.
+    ``site`` takes the place of the dataset's own; ``channels`` and ``terms`` restrict what is looked at and
+    what may be named; the columns ``without`` are withheld; nothing but the final scores reads what
+    ``holdout`` keeps back; what the rows of ``against``, a simulated dataset, show beyond the nominal truck
+    is then part of the model.
 
-    Raises
-    ------
-    DataError, ArgumentError
-        Where no channel can be judged; where a name is unknown.
+    :class:`DataError` where no channel can be judged, :class:`ArgumentError` where a name is unknown.
     """
     asked = {"channels": (channels, CHANNELS), "terms": (terms, all_terms()), "without": (without, COLUMNS)}
     for option, (names, known) in asked.items():

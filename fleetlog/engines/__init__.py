@@ -14,6 +14,8 @@ from fleetlog.registry import extra
 J = TypeVar("J")
 R = TypeVar("R")
 Name: TypeAlias = Callable[[J], str]
+Failure: TypeAlias = FleetlogError | OSError
+Tasks: TypeAlias = Sequence[Callable[[], object]]
 AHEAD = 4  # Jobs per worker that may be done before their turn; their results wait in memory
 PER_WORKER = 1 << 30  # Memory that is reckoned for a worker by default [bytes]
 
@@ -22,36 +24,48 @@ class Engine:
     """Does jobs; function, jobs and results must be picklable.  This one does them here, in turn."""
 
     workers = 1  # Jobs that run at the same time
+    ahead: Sequence[str] = ()  # Modules that will be needed here: who waits for workers loads them
 
     def pays(self, cost: float) -> bool:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
         return False
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
+    def run(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str,
+        beside: Tasks = (),
+    ) -> Generator[R, None, None]:  # fmt: skip
         """Yield ``work(job)`` of every job, in the order of ``jobs``. A job that fails leaves the rest: the
         first failure is raised in its turn, after the others were done. ``name`` says what a job reads, for
-        the error of an unforeseen fault."""
-        outcomes = self._done(work, jobs, name)
+        the error of an unforeseen fault. ``beside`` is done here, until the last result was taken."""
+        outcomes = self._done(work, jobs, name, beside)
         for outcome in outcomes:
-            if isinstance(outcome, FleetlogError):
-                if more := sum(isinstance(o, FleetlogError) for o in outcomes):
+            if isinstance(outcome, Failure):
+                more = sum(isinstance(o, Failure) for o in outcomes)
+                if more and isinstance(outcome, FleetlogError):
                     outcome.do = f"{outcome.do or 'repair it'} ({more} more failed)"
                 raise outcome
             yield outcome
 
-    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+    def _done(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks
+    ) -> Iterator[R | Failure]:
         """Results and errors, in the order of the jobs."""
-        return (attempt(work, job, name) for job in jobs)
+        for task in beside:
+            task()
+        yield from (attempt(work, job, name) for job in jobs)
 
     def close(self) -> None:
         """Leave everything as it was."""
 
 
-def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | FleetlogError:
+def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | Failure:
     """The result of one job, or the error of a job that failed."""
     try:
         return work(job)
-    except FleetlogError as error:
+    except (
+        FleetlogError,
+        OSError,
+    ) as error:  # of the latter, whoever holds the place of the output knows more
         return error
     except MemoryError:
         return DataError("out of memory", where=name(job), do="use fewer --workers")
@@ -119,8 +133,13 @@ class Cluster(Engine):
         """Always: who names a cluster wants it used."""
         return True
 
-    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
-        """The scheduler gives the jobs of a lost worker to others."""
+    def _done(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks
+    ) -> Iterator[R | Failure]:
+        """The scheduler gives the jobs of a lost worker to others. With tasks ``beside`` all is done here."""
+        if beside:
+            yield from super()._done(work, jobs, name, beside)
+            return
         futures: list[Any] = []
         try:
             for turn, job in enumerate(jobs):

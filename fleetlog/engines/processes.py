@@ -9,13 +9,15 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
+from importlib import import_module
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fleetlog import interrupt
-from fleetlog.engines import AHEAD, Engine, J, Name, R, attempt
-from fleetlog.errors import DataError, FleetlogError
+from fleetlog.engines import AHEAD, Engine, Failure, J, Name, R, Tasks, attempt
+from fleetlog.errors import DataError
 
 START = 0.5  # Jobs that take less time than this in all are done here [s]
 DEATHS = 3  # A job whose worker died this often has failed
@@ -36,19 +38,24 @@ class Processes(Engine):
         """Return whether the work is more than starting processes."""
         return self.workers > 1 and (self.always or cost > START)
 
-    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+    def _done(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks
+    ) -> Iterator[R | Failure]:
         """As the engine here gives them; at most ``AHEAD`` jobs per worker wait for their turn."""
         count = min(self.workers, len(jobs))
-        if count < 2 or multiprocessing.current_process().daemon:
-            return super()._done(work, jobs, name)
-        return _run(work, jobs, name, count)
+        if min(self.workers, count + len(beside)) < 2 or multiprocessing.current_process().daemon:
+            return super()._done(work, jobs, name, beside)
+        ahead, self.ahead = self.ahead, ()
+        return _run(work, jobs, name, count, [*beside, *(partial(import_module, name) for name in ahead)])
 
 
-def _run(work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int) -> Iterator[R | FleetlogError]:
+def _run(
+    work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int, beside: list[Callable[[], object]]
+) -> Iterator[R | Failure]:
     crew = dict(_start(work, name) for _ in range(count))
     busy: dict[Connection, int] = {}
     waiting, turn = list(range(len(jobs)))[::-1], 0
-    early: dict[int, R | FleetlogError] = {}
+    early: dict[int, R | Failure] = {}
     deaths = Counter[int]()
     try:
         while turn < len(jobs):
@@ -57,7 +64,9 @@ def _run(work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int) -
                     busy[pipe] = waiting.pop()
                     with suppress(OSError):  # it died before: its end is seen below
                         pipe.send(jobs[busy[pipe]])
-            ready = wait(list(busy))
+            ready = wait(list(busy), 0 if beside else None)
+            if not ready:
+                beside.pop(0)()
             for pipe in [p for p in crew if p in ready]:
                 number = busy.pop(pipe)
                 try:
@@ -73,6 +82,8 @@ def _run(work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int) -
             while turn in early:
                 yield early.pop(turn)
                 turn += 1
+        for task in beside:
+            task()
     finally:
         _end(crew)
 

@@ -143,8 +143,7 @@ class Dataset:
 
     def read(self, vehicle: str, date: str | None = None, columns: Sequence[str] | None = None) -> Trajectory:
         """All rows of a vehicle (of one day); ``columns`` to read only some beside the time."""
-        files = self.parts(vehicle, date)
-        pieces = [piece for file in files for piece in _pieces(file, vehicle, columns) if len(piece)]
+        pieces = [piece for piece in _pieces(self.parts(vehicle, date), vehicle, columns) if len(piece)]
         return concatenate(pieces) if pieces else Trajectory(vehicle, np.zeros(0, np.int64))
 
     def pieces(
@@ -152,7 +151,7 @@ class Dataset:
     ) -> Iterator[Trajectory]:
         """The rows of a vehicle's day in whole trips, about ``rows`` at a time unless a trip is longer."""
         rest: list[Trajectory] = []
-        for batch in (b for file in self.parts(vehicle, date) for b in _pieces(file, vehicle, columns, rows)):
+        for batch in _pieces(self.parts(vehicle, date), vehicle, columns, rows):
             piece = concatenate([*rest, batch])
             begins = np.flatnonzero(np.diff(piece.trip_ids()))
             cut = int(begins[-1]) + 1 if len(begins) else 0
@@ -188,7 +187,23 @@ def _undamaged(path: Path) -> Iterator[None]:
 
 
 def _pieces(
-    path: Path, vehicle: str, columns: Sequence[str] | None, rows: int | None = None
+    files: Sequence[Path], vehicle: str, columns: Sequence[str] | None, rows: int | None = None
+) -> Iterator[Trajectory]:
+    """The rows of some files, file by file or ``rows`` at a time; they must be in the order of time."""
+    before = -(1 << 62)
+    for file in files:
+        row = 1
+        for piece in _of_file(file, vehicle, columns, rows):
+            late = np.diff(piece.time, prepend=before) <= 0
+            if late.any():
+                what, do = "a row is not later than the one before it", f"sort by timestamp, or {REMAKE}"
+                raise InputError(what, where=file, place=f"row {row + int(late.argmax())}", do=do)
+            before, row = max(before, *piece.time[-1:].tolist()), row + len(piece)
+            yield piece
+
+
+def _of_file(
+    path: Path, vehicle: str, columns: Sequence[str] | None, rows: int | None
 ) -> Iterator[Trajectory]:
     """The rows of one Parquet file, ``rows`` at a time or all at once; of ``columns`` those that it has."""
     with _undamaged(path), path.open("rb") as stream, pq.ParquetFile(stream) as file:

@@ -13,7 +13,7 @@ import math
 import os
 import shutil
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, partial, update_wrapper
@@ -82,7 +82,7 @@ class Partials:
 def each_day(
     dataset: Dataset, work: Callable[..., P], *arguments: Any, kinds: Sequence[type] = (),
     vehicles: Sequence[str] = (), cost: float = ROW_COST,
-) -> Iterator[P]:  # fmt: skip
+) -> Generator[P, None, None]:  # fmt: skip
     """Yield ``work(dataset, vehicle, date, *arguments)`` for every vehicle-day, by vehicle and then by date.
 
     work : a function of a module, of which the result depends on nothing but its arguments; it returns

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+from fleetlog import engines
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import LOADED
 from fleetlog.api.verb import JOBS, SHARED, Option, Verb
@@ -12,6 +13,7 @@ from fleetlog.errors import ArgumentError, nearest
 from fleetlog.registry import part, part_lines
 
 PACKAGE = "fleetlog.analysis"
+DRAWING = ("matplotlib.backends.backend_agg", "matplotlib.figure", "rerun", "fleetlog.view.results")
 OUTPUT = (
     Option("output", None, "Folder to write.", check=Named("PATH", path=True)),
     Option("overwrite", False, SHARED["overwrite"], flag=True),
@@ -30,6 +32,7 @@ class Analysis(Verb):
         options = {o.name: o for o in self.options}
         read = [value for name, value in given.items() if options[name].is_path]
         with destination(output, "analysis", overwrite, read) as keep:
+            engines.current().ahead = () if output is None else DRAWING
             for kind, (_, load) in LOADED.items():
                 of_kind = [n for n in given if getattr(options[n].type, "__name__", "") == kind]
                 for name in (n for n in of_kind if given[n] is not None):

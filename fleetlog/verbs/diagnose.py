@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Literal
 
+from fleetlog import engines
 from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import DatasetLike, PathLike, SiteLike, TruckLike
@@ -57,6 +58,7 @@ def diagnose(
     recording, nominal = inputs.as_dataset(dataset), inputs.as_truck(truck)
     given = None if site is None else inputs.as_site(site)
     simulated = None if against is None else inputs.as_dataset(against)
+    engines.current().ahead = () if output is None else ("rerun", "matplotlib.figure")
     with destination(output, "diagnosis", overwrite, (dataset, truck, site, against)) as keep:
         found = diagnosed(
             recording, nominal, site=given, against=simulated, channels=channels, terms=terms,

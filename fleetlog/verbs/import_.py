@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Annotated, Any, cast
 
-from fleetlog import scratch
+from fleetlog import engines, scratch
 from fleetlog.api.answer import Answer, dataset_answer
 from fleetlog.api.inputs import LogsLike, PathLike, SiteLike, as_path, as_site, existing, files_of
 from fleetlog.api.verb import verb
@@ -68,6 +68,7 @@ def import_(
     else:
         place = Site() if site is None else as_site(site)
         writing = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
+    engines.current().ahead = ("fleetlog.view.recording",) if recording and not append else ()
     with writing as writer:
         summary = import_logs(paths, writer.site, writer, progress=progress, align=align, **read)
         if recording and not append:

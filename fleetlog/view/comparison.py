@@ -14,7 +14,7 @@ from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, clock, palette
 from fleetlog.view.clock import dataset_outline, opened, span_of
 from fleetlog.view.fleet import Fleet, curve_style, log_curve
-from fleetlog.view.recording import MANY, RATE, log_fleet, summary_markdown
+from fleetlog.view.recording import MANY, RATE, drawn, log_fleet, summary_markdown
 from fleetlog.view.scene import log_site
 from fleetlog.view.stream import Stream, entity, open_stream
 
@@ -57,10 +57,11 @@ def write_comparison(
     text = "Recorded in orange, simulated in blue.\n"
     text += f"\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else ""
     text = "\n".join([text, *(summary_markdown(d, figures=False) for d in (recorded, simulated))])
+    fleets = [(fleet, drawn(fleet, screen)) for fleet in (a, b)]
     with open_stream(Path(out_rrd), f"{recorded.site.name} (recorded and simulated)", screen.start) as stream:
         log_site(stream, recorded.site)
-        log_fleet(stream, screen, a)
-        log_fleet(stream, screen, b)
+        for fleet, days in fleets:
+            log_fleet(stream, screen, fleet, days)
         # A simulation with this figure drove the trips of a recording again.
         again = "distance_ratio" in (simulated.meta.get("summary") or {})
         found = _log_differences(stream, a, b) if again else _log_totals(stream, a, b)

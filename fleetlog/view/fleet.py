@@ -22,7 +22,7 @@ from fleetlog.store import Dataset
 from fleetlog.view import clock, palette
 from fleetlog.view.palette import Colour
 from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF
-from fleetlog.view.stream import Stream, entity, ui_points
+from fleetlog.view.stream import Stream, as_strips, entity, ui_points
 
 CURVES = {"speed": ("speed", 1.0), "battery_power": ("power", 1e-3), "soc": ("soc", 100.0)}
 """Trajectory column: (signal in the recording, factor to its unit: m/s, kW, %)."""
@@ -53,11 +53,20 @@ class Fleet:
 
     def days(self, vehicle: str) -> Iterator[Trajectory]:
         """The thinned days of a vehicle on the recording's clock."""
-        for date in self.dataset.dates:
-            day = self.dataset.read(vehicle, date, COLUMNS)
-            if len(day):
-                kept = clock.thinned(day, self.rate_hz)
-                yield Trajectory(vehicle, kept.time + self.shift, kept.columns)
+        return (day for date in self.dataset.dates if len(day := self.day(vehicle, date)))
+
+    def day(self, vehicle: str, date: str) -> Trajectory:
+        """One of them."""
+        day = self.dataset.read(vehicle, date, COLUMNS)
+        kept = clock.thinned(day, self.rate_hz) if len(day) else day
+        return Trajectory(vehicle, kept.time + self.shift, kept.columns)
+
+    def last_before(self, vehicle: str, date: str) -> int | None:
+        """The time of the last row of a vehicle before a day [us]."""
+        for day in (d for v, d in reversed(self.dataset.vehicle_days) if v == vehicle and d < date):
+            if len(rows := self.dataset.read(vehicle, day, ())):
+                return int(rows.time[-1]) + self.shift
+        return None
 
     def lanes(self, origin: int | None) -> list["Lane"]:
         """Its vehicles, in a recording that starts at ``origin`` [us]."""
@@ -68,7 +77,7 @@ class Fleet:
 
 @dataclass
 class Lane:
-    """One vehicle in the recording, and what was written last; before ``origin`` [us] it is not shown."""
+    """One vehicle in the recording; its ``last`` row so far, its ``origin``: earlier it is not shown [us]."""
 
     fleet: Fleet
     vehicle: str
@@ -121,7 +130,6 @@ def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool)
         _log_trail(stream, lane, moving, floor, limit)
         if site.frame is not None:
             _log_map(stream, lane, moving, site.frame)
-    lane.last = int(t.time[-1])
     return signals
 
 
@@ -194,7 +202,8 @@ def _log_bar(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidde
     time, _, shown = _in_order(t.time[keep], hidden)
     split = BAR_HALF * (2.0 * np.clip(soc[keep], 0.03, 1.0) - 1.0)
     x = np.column_stack([np.full(len(keep), -BAR_HALF), split, split, np.full(len(keep), BAR_HALF)])
-    strips = np.stack(np.broadcast_arrays(x.reshape(-1, 2), BAR_NORTH, BAR_UP), axis=-1)
+    ends = np.stack(np.broadcast_arrays(x.ravel(), BAR_NORTH, BAR_UP), axis=-1)
+    strips = as_strips(ends, np.full(2 * len(keep), 2))
     full = palette.soc_colours(soc[keep])
     colours = np.stack([full, np.broadcast_to(EMPTY, full.shape)], axis=1).reshape(-1, 3)
     path = lane.path("trucks", "soc")
@@ -221,18 +230,21 @@ def _log_fork(stream: Stream, lane: Lane, t: Trajectory) -> None:
 def _log_trail(stream: Stream, lane: Lane, t: Trajectory, floor: Floats, limit: int) -> None:
     """Short strips, each at the time of its end, so that a trailing window shows the way just driven."""
     xyz = (floor + np.array([0.0, 0.0, 0.12])).astype(np.float32)
-    rows: list[Ints] = []
+    rows, lengths = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for piece in clock.pieces(t.time, limit):
-        inner = np.arange(piece.start, piece.stop)
-        inner = inner[clock.moved(5.0 * STEP, *xyz[inner].T)]
-        rows += [inner[k : k + TRAIL_STEP + 1] for k in range(0, len(inner) - 1, TRAIL_STEP)]
-    begins = np.append(0, np.cumsum([len(r) for r in rows]))[:-1].astype(np.int64)
-    flat = xyz[np.concatenate(rows)] if rows else xyz[:0]
-    size = np.maximum.reduceat(flat, begins) - np.minimum.reduceat(flat, begins) if rows else flat
-    rows = [rows[k] for k in np.flatnonzero(size.max(axis=1, initial=0.0) > 0.05)]
-    path, when = lane.path("trail"), np.array([t.time[r[-1]] for r in rows], np.int64)
+        inner = piece.start + clock.moved(5.0 * STEP, *xyz[piece].T)
+        begin = np.arange(0, len(inner) - 1, TRAIL_STEP)
+        size = np.minimum(TRAIL_STEP + 1, len(inner) - begin)
+        rows.append(inner[np.arange(size.sum()) + np.repeat(begin - (np.cumsum(size) - size), size)])
+        lengths.append(size)
+    row, length = np.concatenate(rows), np.concatenate(lengths)
+    flat, begin = xyz[row], np.cumsum(length) - length
+    span = np.maximum.reduceat(flat, begin) - np.minimum.reduceat(flat, begin) if len(row) else flat
+    shown = span.max(axis=1, initial=0.0) > 0.05
+    strips = as_strips(flat[np.repeat(shown, length)], length[shown])
+    path, when = lane.path("trail"), t.time[row[begin + length - 1][shown]]
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.8), colors=[lane.colour]))
-    stream.rows(path, when, rr.LineStrips3D, strips=[xyz[r] for r in rows])
+    stream.rows(path, when, rr.LineStrips3D, strips=strips)
 
 
 def _log_map(stream: Stream, lane: Lane, t: Trajectory, frame: Frame) -> None:

@@ -132,10 +132,10 @@ def _draw_lines(axes: Axes, shape: MovingLines) -> None:
     """All lines of all times laid over one another: dense places grow dark."""
     from matplotlib.collections import LineCollection
 
+    every = np.concatenate([np.zeros((0, 2, 2)), *shape.lines])
+    flags = np.concatenate([np.zeros(0, bool), *shape.critical]).astype(bool)
     for critical, colour in ((False, "#7fa8c4"), (True, "#c22e2a")):
-        each = zip(shape.lines, shape.critical, strict=True)
-        picked = [s[np.asarray(f, bool) == critical] for s, f in each if len(s)]
-        strips = np.concatenate([np.zeros((0, 2, 2)), *picked])
+        strips = every[flags == critical]
         strips = strips[:: max(1, len(strips) // 20_000)]
         look: Any = {"alpha": float(np.clip(40.0 / max(len(strips), 1), 0.02, 0.5)), "zorder": 2.5}
         axes.add_collection(LineCollection(list(strips), colors=colour, linewidths=0.9, **look))

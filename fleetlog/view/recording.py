@@ -9,8 +9,13 @@ Rows of a vehicle each would cost more than twice the file, and two hundred curv
     PREFIX/trail/fleet     where they were
 """
 
+import itertools
 import tempfile
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -19,15 +24,18 @@ from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
+from fleetlog.store.days import each_day
 from fleetlog.view import blueprint, clock, events, palette
 from fleetlog.view import fleet as of
-from fleetlog.view.clock import DAY, SKIPPED, clock_of, dataset_outline, opened, span_of
+from fleetlog.view.clock import DAY, SKIPPED, Clock, clock_of, dataset_outline, opened, span_of
 from fleetlog.view.fleet import Fleet, curve_style, log_day
 from fleetlog.view.palette import Colour
 from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body, truck_fork
 from fleetlog.view.scene import log_site, log_ways, ways_of
-from fleetlog.view.stream import Singles, Stream, entity, open_stream, ui_points, verbatim
+from fleetlog.view.stream import Singles, Stream, Tape, entity, open_stream, ui_points, verbatim
 
+Days: TypeAlias = Iterable[tuple[str, Tape, set[str], list[Floats]]]
+ROW_COST = 3e-6  # Of a row that is drawn [s]
 RATE = 2.0  # Samples a second that are kept by default
 MANY = 60  # From this many vehicles on they are drawn together, one row a time step for all
 MANY_LABELS, LONG_LEGEND = 24, 12
@@ -66,20 +74,43 @@ def write_recording(
     screen = blueprint.Screen(dataset_outline(dataset))
     if (span := span_of(dataset)) is not None:
         screen.start, screen.duration = span[0], (span[1] - span[0]) * 1e-6
-    with open_stream(Path(out_rrd), f"{site.name} ({dataset.kind})", screen.start) as stream:
-        if (clock := clock_of(dataset)) is not None:
-            stream.clock, screen.timeline, screen.duration = clock, SKIPPED, clock.seconds
+    if (clock := clock_of(dataset)) is not None:
+        screen.timeline, screen.duration = SKIPPED, clock.seconds
+    fleet, name = Fleet(dataset, rate_hz), f"{site.name} ({dataset.kind})"
+    days = drawn(fleet, screen, clock)
+    with open_stream(Path(out_rrd), name, screen.start) as stream:
+        stream.clock = clock
         log_site(stream, site)
         periods = [] if clock is None else [*(f"- {line}" for line in clock.lines()), "", ""]
         # The figures of a dataset are of all its days.
         text = "\n".join(periods) + summary_markdown(dataset, figures=day is None)
         stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-        log_fleet(stream, screen, Fleet(dataset, rate_hz))
+        log_fleet(stream, screen, fleet, days)
         blueprint.send(stream, blueprint.replay(screen, None if site.frame is None else site.frame.latitude))
     return Path(out_rrd)
 
 
-def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet) -> None:
+def drawn(fleet: Fleet, screen: blueprint.Screen, clock: Clock | None = None) -> Days:
+    """Every vehicle-day of a fleet of few vehicles, on the engine in use. The workers are there before a
+    stream is open: a process must not be forked while Rerun's threads are at work."""
+    days = each_day(fleet.dataset, _drawn, fleet, screen.start, clock, cost=ROW_COST)
+    first = list(itertools.islice(days, 1 if len(fleet.dataset.vehicles) < MANY else 0))
+    return itertools.chain(first, days)
+
+
+def _drawn(
+    _dataset: Dataset, vehicle: str, date: str, fleet: Fleet, start: int | None, clock: Clock | None
+) -> tuple[str, Tape, set[str], list[Floats]]:
+    """What is sent of one vehicle-day, its signals, and without a map its ways."""
+    day, tape, site, lanes = fleet.day(vehicle, date), Tape(), fleet.dataset.site, fleet.lanes(start)
+    if not len(day):
+        return vehicle, tape, set(), []
+    lane = replace(lanes[fleet.dataset.vehicles.index(vehicle)], last=fleet.last_before(vehicle, date))
+    signals = log_day(Stream(tape, clock), lane, day, site, len(lanes) <= MANY_LABELS)
+    return vehicle, tape, signals, ways_of(day) if site.network is None else []
+
+
+def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet, days: Days) -> None:
     """Every vehicle, day by day, so that memory does not grow with the dataset; what happened to them."""
     dataset, lanes, prefix = fleet.dataset, fleet.lanes(screen.start), fleet.prefix
     known = events.happenings_of(dataset, fleet.shift)
@@ -88,20 +119,21 @@ def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet) -> None:
         screen.trails.append(entity(prefix, "trail", "fleet"))
         screen.signals |= set() if known is None else events.log_many(stream, known, prefix, fleet.name)
         return
+    signals, ways = defaultdict[str, set[str]](set), defaultdict[str, list[Floats]](list)
+    for vehicle, tape, found, driven in days:
+        for name, args, more in tape:
+            getattr(stream.recording, name)(*args, **more)
+        signals[vehicle] |= found
+        ways[vehicle] += driven
     screen.names = tuple(f"{lane.vehicle} {fleet.name}".strip() for lane in lanes)
     screen.legend = len(lanes) <= LONG_LEGEND // len(screen.prefixes) ** 2
     for lane in lanes:
-        signals: set[str] = set()
-        ways: list[Floats] = []
-        for day in fleet.days(lane.vehicle):
-            ways += ways_of(day) if dataset.site.network is None else []
-            signals |= log_day(stream, lane, day, dataset.site, len(lanes) <= MANY_LABELS)
         stream.static(lane.path("trucks", "body"), mesh3d(truck_body(lane.colour)))
         stream.static(lane.path("trucks", "body", "fork"), mesh3d(truck_fork()))
-        for signal in sorted(signals):
+        for signal in sorted(signals[lane.vehicle]):
             stream.static(lane.path(signal), curve_style(f"{lane.vehicle} {fleet.name}".strip(), lane.colour))
-        log_ways(stream, lane, ways)
-        screen.signals |= signals
+        log_ways(stream, lane, ways[lane.vehicle])
+        screen.signals |= signals[lane.vehicle]
         screen.trails.append(lane.path("trail"))
     if known is not None and lanes:
         screen.signals |= events.log_events(stream, known, lanes)

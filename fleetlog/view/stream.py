@@ -1,5 +1,6 @@
 """A recording being written: the one place that opens a Rerun stream and sends columns in chunks."""
 
+import copyreg
 import os
 import re
 import shutil
@@ -37,12 +38,30 @@ def verbatim(text: str) -> str:
     return re.sub(r"([\\`*_\[\]<>!#|~&])", r"\\\1", " ".join(text.split()))
 
 
+class Tape(list[tuple[str, tuple[Any, ...], dict[str, Any]]]):
+    """Stands in for a recording stream in another process: what was sent into it, to be sent on here."""
+
+    def log(self, *args: Any, **more: Any) -> None:
+        """As of a recording stream."""
+        self.append(("log", args, more))
+
+    def send_columns(self, *args: Any) -> None:
+        """As of a recording stream."""
+        self.append(("send_columns", args, {}))
+
+
+def _told(descriptor: Any) -> tuple[Any, ...]:
+    return rr.ComponentDescriptor, (descriptor.component, descriptor.archetype, descriptor.component_type)
+
+
+copyreg.pickle(rr.ComponentDescriptor, _told)  # Rerun does not say how it is handed to another process
+
+
 class Stream:
     """Thin writer over a recording stream."""
 
-    def __init__(self, recording: rr.RecordingStream) -> None:
-        self.recording = recording
-        self.clock: Clock | None = None
+    def __init__(self, recording: Any, clock: Clock | None = None) -> None:
+        self.recording, self.clock = recording, clock
 
     def static(self, path: str, archetype: Any) -> None:
         """Data without a time."""
@@ -51,7 +70,7 @@ class Stream:
     def rows(self, path: str, time: Ints, kind: Any, lengths: Ints | None = None, **fields: Any) -> None:
         """One instance of the archetype ``kind`` at each ``time``, or ``lengths`` (T,); ``fields`` of all."""
         if "strips" in fields:
-            fields["strips"] = _ragged(fields["strips"])
+            fields["strips"] = as_strips(fields["strips"])
         ends = np.append(0, np.cumsum(np.ones(len(time), np.int64) if lengths is None else lengths))
         for begin in range(0, len(time), CHUNK):
             rows = slice(begin, min(begin + CHUNK, len(time)))
@@ -65,10 +84,15 @@ class Stream:
             self.recording.send_columns(path, index, whole)
 
 
-def _ragged(strips: Sequence[Singles]) -> pa.Array:
-    """Strips, each (n, 3), as Rerun keeps them: its own conversion calls Python often for every strip."""
-    points = np.concatenate([np.zeros((0, 3)), *strips], dtype=np.float32)
-    ends = np.append(0, np.cumsum([len(s) for s in strips], dtype=np.int32))
+def as_strips(strips: Sequence[Singles] | pa.Array, lengths: Ints | None = None) -> pa.Array:
+    """Strips, each (n, 3), as Rerun keeps them: its own conversion calls Python often for every strip. Or all
+    their points (N, 3), and ``lengths``."""
+    if isinstance(strips, pa.Array):
+        return strips
+    if lengths is None:
+        lengths = np.array([len(s) for s in strips], np.int64)
+        strips = np.concatenate([np.zeros((0, 3)), *strips], dtype=np.float32)
+    points, ends = np.asarray(strips, np.float32), np.append(0, np.cumsum(lengths, dtype=np.int32))
     kind = rr.components.LineStrip3DBatch([]).as_arrow_array().type
     triples = pa.FixedSizeListArray.from_arrays(pa.array(points.ravel()), type=kind.value_type)
     return pa.ListArray.from_arrays(pa.array(ends, pa.int32()), triples, type=kind)

@@ -30,7 +30,7 @@ def trucks(network, seed, steps=5, count=12):
 
 
 def labels(network, edge, offset, threshold):
-    near = reachable(network.length, network.next_first, network.next_edges, float(threshold))
+    near = reachable(network, float(threshold))
     return cluster_steps(edge, offset, network.length, *near, threshold)[0]
 
 
@@ -155,7 +155,7 @@ def test_u_turns_at_vertices_are_not_implied():
 
 def test_distances_are_bounded_dijkstra():
     n = random_network(3, nodes=14)
-    first, edges, d = reachable(n.length, n.next_first, n.next_edges, 35.0)
+    begin, count, edges, d = reachable(n, 35.0)
     graph = line_graph(n)
     for i in range(len(n)):
         want = {}
@@ -163,6 +163,6 @@ def test_distances_are_bounded_dijkstra():
             for j, length in nx.single_source_dijkstra_path_length(graph, int(f), weight="length").items():
                 if length <= 35.0:
                     want[j] = min(length, want.get(j, np.inf))
-        got = dict(zip(edges[first[i] : first[i + 1]].tolist(), d[first[i] : first[i + 1]], strict=True))
-        assert got == pytest.approx(want)
-        assert (np.diff(d[first[i] : first[i + 1]]) >= 0).all()  # nearest first
+        rows = slice(begin[i], begin[i] + count[i])
+        assert dict(zip(edges[rows].tolist(), d[rows], strict=True)) == pytest.approx(want)
+        assert (np.diff(d[rows]) >= 0).all()  # nearest first

@@ -55,7 +55,7 @@ def density() -> None:
         "time steps per CPU second, threshold 15 m\nnetwork        trucks  networkx  scipy limit  fleetlog  times faster"
     )
     for name, n in (("200 nodes", grid(20, 10, 6.0)), ("5,000 nodes", grid(100, 50, 20.0))):
-        near = reachable(n.length, n.next_first, n.next_edges, float(limit))
+        near = reachable(n, float(limit))
         src = np.repeat(np.arange(len(n)), np.diff(n.next_first))
         line = sparse.csr_array((n.length[src], (src, n.next_edges)), shape=(len(n), len(n)))
         graph = nx.from_scipy_sparse_array(line, create_using=nx.DiGraph, edge_attribute="length")

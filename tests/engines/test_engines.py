@@ -1,7 +1,9 @@
 """Jobs on one core, on several, and on a cluster: same results in the same order, whatever dies on the way."""
 
+import errno
 import os
 import signal
+import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -82,6 +84,36 @@ def test_nobody_is_left_when_results_are_not_wanted():
 
 def _children():
     return {int(p) for p in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_is_beside_the_jobs_is_done_here(tmp_path, workers):
+    done = []
+    beside = [lambda: done.append(os.getpid()), (tmp_path / "made").touch]
+    with engines.using(workers) as engine:
+        pids = list(engine.run(lambda _: os.getpid(), [0], beside=beside))
+    assert done == [os.getpid()] and (tmp_path / "made").exists()
+    assert (pids == done) == (workers == 1)
+
+
+def test_modules_are_loaded_while_workers_work():
+    with engines.using(2) as engine:
+        engine.ahead = ("colorsys",)
+        sys.modules.pop("colorsys", None)
+        assert list(engine.run(slow_square, JOBS)) == [n * n for n in JOBS]
+    assert "colorsys" in sys.modules
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_full_disk_is_told_as_such(workers):
+    """Whoever holds the place of the output names it."""
+
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with engines.using(workers) as engine, pytest.raises(OSError) as caught:
+        list(engine.run(full, [1, 2]))
+    assert caught.value.errno == errno.ENOSPC
 
 
 def test_a_worker_starts_no_workers_of_its_own():

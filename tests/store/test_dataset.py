@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pyarrow.dataset as pads
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -173,3 +174,28 @@ def test_trips_do_not_depend_on_the_pieces_they_are_written_in(cuts, unknown):
             np.testing.assert_allclose(merged[name], whole[name], rtol=1e-9, err_msg=name)
         else:
             assert (merged[name] == whole[name]).all(), name
+
+
+@pytest.mark.parametrize("how", ["shuffled", "twice", "parts exchanged"])
+def test_rows_out_of_order_are_named_in_one_line(tmp_path, how):
+    with DatasetWriter.create(tmp_path / "d", "recorded", Site()) as writer:
+        writer.write(drive("t", n=40))
+        writer.write(drive("t", n=40, t0=T0 + 40_000_000))
+    first, second = sorted((tmp_path / "d" / "trajectories").rglob("*.parquet"))
+    table = pq.ParquetFile(first).read()
+    if how == "shuffled":
+        pq.write_table(table.take([0, 1, 3, 2, *range(4, 40)]), first)
+        place = "part-00000.parquet, row 4"
+    elif how == "twice":
+        pq.write_table(table.take([0, 1, 2, 2, *range(3, 40)]), first)
+        place = "part-00000.parquet, row 4"
+    else:
+        first.rename(tmp_path / "other")
+        second.rename(first)
+        (tmp_path / "other").rename(second)
+        place = "part-00001.parquet, row 1"
+    for read in (lambda d, v, day: d.read(v, day), lambda d, v, day: list(d.pieces(v, day, rows=7))):
+        dataset = Dataset(tmp_path / "d")
+        with pytest.raises(InputError, match=f"{place}: a row is not later") as caught:
+            read(dataset, *dataset.vehicle_days[0])
+        assert "sort by timestamp" in caught.value.line() and "\n" not in caught.value.line()

@@ -12,7 +12,9 @@ import rrd
 from fixtures_view import START, plant, write_fleet
 from rerun.chunk import RrdReader
 
+from fleetlog import engines
 from fleetlog.core.trajectory import Labels, Trajectory
+from fleetlog.errors import DataError
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.view.fleet import heights
 from fleetlog.view.recording import write_recording
@@ -208,7 +210,7 @@ def test_older_recording_stays_when_writing_fails(
     out = write_recording(dataset, tmp_path / "r.rrd", rate_hz=0.5)
     before = out.read_bytes()
     monkeypatch.setattr("fleetlog.view.recording.log_day", lambda *a: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(DataError, match="ZeroDivisionError"):
         write_recording(dataset, out)
     assert out.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["r.rrd"]
 
@@ -245,3 +247,16 @@ def test_summary_is_shown(tmp_path: Path, replay: tuple[Path, Path]) -> None:
     said = text.to_pylist()[0][0]
     for line in ("**3** vehicles", "rows rejected: 17", "driven: 12.3 km", "on a road: 98.7 % of the rows"):
         assert line in said
+
+
+def test_workers_draw_what_one_process_draws(tmp_path: Path, replay: tuple[Path, Path]) -> None:
+    dataset, alone = replay
+    with engines.using(2):
+        out = write_recording(dataset, tmp_path / "r.rrd")
+    assert rrd.entities(out) == rrd.entities(alone)
+    for path, name in (
+        ("/trucks/truck\\ 1", "Transform3D:translation"), ("/trail/truck\\ 1", "LineStrips3D:strips"),
+        ("/trucks/truck\\ 1/dot", "Points3D:positions"), ("/soc/truck\\ 1", "Scalars:scalars"),
+    ):  # fmt: skip
+        (time, values), (same_time, same) = (rrd.column(file, path, name) for file in (out, alone))
+        assert np.array_equal(time, same_time) and str(values) == str(same)

@@ -24,6 +24,7 @@ from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
 Columns = dict[str, NDArray[Any]]
+Near = tuple[Ints, Ints, Index, Floats]  # See :func:`~fleetlog.analysis.kernels.reachable`
 
 HALT = 1.39  # A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]
 DAY = 86_400_000_000
@@ -144,18 +145,20 @@ class Crowds:
 
 def find_crowds(dataset: Dataset, date: str, start: int, stop: int, rule: Rule) -> Crowds:
     """The clusters of one day from ``start`` to before ``stop`` (int64 us)."""
+    from fleetlog.analysis.kernels import reachable
+
     network = dataset.site.roads()
     fleet = on_grid(dataset, date, np.arange(start, stop, rule.step, dtype=np.int64))
     moving = np.where(fleet.standing_by, np.int32(-1), fleet.edge)
-    ways = [_clusters(fleet, edge, network, rule) for edge in (moving, fleet.edge)]
+    near = reachable(network, float(rule.threshold))
+    ways = [_clusters(fleet, edge, network, near, rule) for edge in (moving, fleet.edge)]
     return replace(ways[rule.include_standing], counts=np.array([_counts(c, rule.limit) for c in ways]))
 
 
-def _clusters(fleet: Fleet, edge: Index, network: Network, rule: Rule) -> Crowds:
+def _clusters(fleet: Fleet, edge: Index, network: Network, near: Near, rule: Rule) -> Crowds:
     """Clusters at every step of the trucks that have an ``edge`` (T, V)."""
-    from fleetlog.analysis.kernels import cluster_steps, reachable
+    from fleetlog.analysis.kernels import cluster_steps
 
-    near = reachable(network.length, network.next_first, network.next_edges, float(rule.threshold))
     labels, arcs, arc_first = cluster_steps(edge, fleet.offset, network.length, *near, rule.threshold)
     trucks = labels.shape[1]
     row, truck = np.nonzero(labels >= 0)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.compiling import inner, kernel
+from fleetlog.compiling import inner
 from fleetlog.core.arrays import Floats, Index
 from fleetlog.roads.kernels.records import Roads, Store
 
@@ -140,12 +140,3 @@ def path_between(store: Store, source: int, goal: int, path: Index) -> Any:
         path[m] = at
         m += 1
     return -1
-
-
-@kernel()
-def longer(array: Any, size: int) -> Any:
-    """A copy of an array (n,) with room for ``size`` values, by a loop: numpy's own compiles for seconds."""
-    out = np.empty(size, array.dtype)
-    for i in range(min(len(array), size)):
-        out[i] = array[i]
-    return out
