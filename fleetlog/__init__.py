@@ -5,10 +5,12 @@ DataFrames, and a result has ``tables``, ``summary``, ``save()``, ``show()`` and
 
     import fleetlog
 
-    recorded = fleetlog.read_logs("logs/", site="site.toml") fleetlog.analyze.density(recorded,
-    threshold=20.0).show() fleetlog.diagnose(recorded, truck="truck.toml").save("diagnosis")
+    recorded = fleetlog.read_logs("logs/", site="site.toml")
+    fleetlog.analyze.density(recorded, threshold=20.0).show()
+    fleetlog.diagnose(recorded, truck="truck.toml").save("diagnosis")
 
-Nothing is imported before it is used."""
+Nothing is imported before it is used.
+"""
 
 from __future__ import annotations
 

@@ -92,10 +92,8 @@ def density(
 def _silent(dataset: Dataset) -> int:
     """Time within a recording in which no truck was recorded, by trips, between shifts [us]."""
     trips = dataset.trips.sort_values("start")
-    start, end = (
-        trips[k].astype("datetime64[us, UTC]").astype(np.int64).to_numpy() for k in ("start", "end")
-    )
-    gap = start[1:] - np.maximum.accumulate(end)[:-1]
+    begin, end = (trips[k].astype("datetime64[us, UTC]").astype("i8").to_numpy() for k in ("start", "end"))
+    gap = begin[1:] - np.maximum.accumulate(end)[:-1]
     return int(gap[gap > SILENCE].sum())
 
 

@@ -44,6 +44,9 @@ def near_misses(
 ) -> Result:  # fmt: skip
     """Find pairs of trucks that came close to a collision.
 
+    The result has table ``near_misses`` (``TABLE``; s, m/s, m; NaN where an indicator does not apply), in
+    order of time.
+
     Parameters
     ----------
     ttc : times to collision below this count [s].
@@ -51,11 +54,6 @@ def near_misses(
     closing : least speed at which two trucks approach one another [m/s].
     length : length of a truck [m].
     width : width of a truck [m].
-
-    Returns
-    -------
-    Result
-        Table ``near_misses`` (``TABLE``; s, m/s, m; NaN where an indicator does not apply), in order of time.
     """
     found, judged = [np.zeros((0, len(RAW)))], False
     for fleet in () if dataset.alone else _fleets(dataset):

@@ -24,16 +24,13 @@ def speeding(
 ) -> Result:
     """Find where and when trucks exceed the limit of the road, or of the zone where that is lower.
 
+    The result has table ``speeding`` (``EVENTS``; s, m/s, m), the longest first; summary with seconds over
+    the limit and seconds driven where a limit is known.
+
     Parameters
     ----------
     margin : share of the limit that a truck may exceed it by; logged speeds are a few per cent off.
     shortest : shorter stretches are ignored [s].
-
-    Returns
-    -------
-    Result
-        Table ``speeding`` (``EVENTS``; s, m/s, m), the longest first; summary with seconds over the limit and
-        seconds driven where a limit is known.
     """
     found, driven = [], 0.0
     for t in joined_days(dataset, COLUMNS):

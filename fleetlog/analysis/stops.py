@@ -20,16 +20,14 @@ KINDS: tuple[PlaceKind, ...] = ("pick", "drop", "park", "charge")
 def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whole=True)] = 3) -> Result:
     """Find the places where trucks stop regularly, and what for.
 
+    The result has table ``places`` (place, kind, x, y, spread, visits, vehicles, dwell, shares of picks,
+    drops and charges), under the names of the site where it knows them; table ``flows`` with the loads
+    carried from place to place; summary with counts and, as ``[[place]]`` text, the places that the site file
+    lacks.
+
     Parameters
     ----------
     min_visits : least number of visits that makes a place.
-
-    Returns
-    -------
-    Result
-        Table ``places`` (place, kind, x, y, spread, visits, vehicles, dwell, shares of picks, drops and
-        charges), under the names of the site where it knows them; table ``flows`` with the loads carried from
-        place to place; summary with counts and, as ``[[place]]`` text, the places that the site file lacks.
     """
     stands = find_stands(dataset)
     cluster = clusters(stands, min_visits)

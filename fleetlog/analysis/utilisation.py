@@ -54,11 +54,8 @@ MOST_QUARTERS = 4_000_000  # Of all vehicles together: a hundred vehicles for a 
 def utilisation(dataset: Dataset) -> Result:
     """Divide the time of every truck by what it does.
 
-    Returns
-    -------
-    Result
-        Table ``states``: vehicle_id, state, start, end; table ``utilisation``: hours by truck and state;
-        summary with the hours and shares of the fleet.
+    The result has table ``states``: vehicle_id, state, start, end; table ``utilisation``: hours by truck and
+    state; summary with the hours and shares of the fleet.
     """
     table = states(dataset)
     hours = hours_by_state(table, table["vehicle_id"])

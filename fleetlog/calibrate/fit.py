@@ -13,6 +13,7 @@ held one can stand in for it, is *tied*: the runs carry a combination of the two
 *fitted*.
 """
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -57,17 +58,8 @@ class Unknown:
         return next(f.metadata for f in fields(SECTIONS[section]) if f.name == name)
 
 
-# Spreads are ours, wide enough for the ranges that type sheets and handbooks give (docs/energy.md).
-UNKNOWNS: tuple[Unknown, ...] = (
-    Unknown("drive.efficiency", "drive efficiency", 0.08, "a coast-down or a ramp of known grade"),
-    Unknown("drive.regeneration", "regeneration", 0.20, "stop-and-go runs beside a coast-down"),
-    Unknown("resistance.rolling", "rolling coefficient", 0.35, "a coast-down", True, 0.001),
-    Unknown("resistance.drag_area", "drag area", 0.5, "long runs at two speeds above 5 m/s", True, 0.5),
-    Unknown("lift.efficiency", "lift efficiency", 0.10, "lifts with half and full load"),
-    Unknown("lift.recuperation", "lowering recuperation", 0.20, "lowering runs with full load"),
-    Unknown("lift.carriage_mass", "carriage mass", 0.30, "lifts with an empty carriage", True, 10.0),
-    Unknown("auxiliary.power", "auxiliary power", 0.50, "ten minutes idle", True, 50.0),
-)
+_TEXT = tomllib.loads(Path(__file__).with_name("unknowns.toml").read_text(encoding="utf-8"))
+UNKNOWNS: tuple[Unknown, ...] = tuple(Unknown(key, *told) for key, told in _TEXT.items())
 
 
 @dataclass(frozen=True)

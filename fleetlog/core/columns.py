@@ -29,13 +29,9 @@ COLUMNS: tuple[Column, ...] = tuple(Column(name, *column) for name, column in _T
 BY_NAME: dict[str, Column] = {c.name: c for c in COLUMNS}
 NAMES: tuple[str, ...] = tuple(BY_NAME)
 ARROW: dict[str, pa.DataType] = {
-    "string": pa.string(),
-    "label": pa.dictionary(pa.int32(), pa.string()),
-    "time": pa.timestamp("us", tz="UTC"),
-    "double": pa.float64(),
-    "int64": pa.int64(),
-    "line": pa.list_(pa.float64()),
-}
+    "string": pa.string(), "label": pa.dictionary(pa.int32(), pa.string()), "time": pa.timestamp("us", "UTC"),
+    "double": pa.float64(), "int64": pa.int64(), "line": pa.list_(pa.float64()),
+}  # fmt: skip
 SCHEMA: pa.Schema = pa.schema(
     pa.field(
         c.name, ARROW[c.kind], nullable=c.name not in ("vehicle_id", "timestamp"),

@@ -37,12 +37,7 @@ _TEXT = tomllib.loads(Path(__file__).with_name("spellings.toml").read_text(encod
 UNITS = tuple(Unit(name, kind, *si) for kind, units in _TEXT["si"].items() for name, si in units.items())
 _ALIASES = {alias: name for name, words in _TEXT["units"].items() for alias in words.split()}
 
-KINDS: dict[str, str] = {
-    "latitude": "degrees", "longitude": "degrees", "x": "length", "y": "length", "z": "length",
-    "heading": "angle", "speed": "speed", "payload": "mass", "fork_height": "length",
-    "battery_power": "power", "battery_voltage": "voltage", "battery_current": "current", "soc": "share",
-    "ambient_temperature": "temperature", "edge_offset": "length", "lateral_offset": "length",
-}  # fmt: skip
+KINDS = {column: kind for kind, names in _TEXT["measure"].items() for column in names.split()}
 """What each numeric column measures."""
 
 

@@ -185,6 +185,5 @@ def _own(value: Any) -> Any:
     return finite(value) if isinstance(value, int | float) else value if isinstance(value, str) else None
 
 
-IMPORTER = Importer(
-    "geojson", (".geojson", ".json", ".geojsonl", ".geojsons"), sniff, _GeoJson.batches, rank=2
-)
+NAMES = (".geojson", ".json", ".geojsonl", ".geojsons")
+IMPORTER = Importer("geojson", NAMES, sniff, _GeoJson.batches, rank=2)

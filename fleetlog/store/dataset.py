@@ -193,7 +193,7 @@ def _pieces(
     before = -(1 << 62)
     for file in files:
         row = 1
-        for piece in _of_file(file, vehicle, columns, rows):
+        for piece in _of(file, vehicle, columns, rows):
             late = np.diff(piece.time, prepend=before) <= 0
             if late.any():
                 what, do = "a row is not later than the one before it", f"sort by timestamp, or {REMAKE}"
@@ -202,9 +202,7 @@ def _pieces(
             yield piece
 
 
-def _of_file(
-    path: Path, vehicle: str, columns: Sequence[str] | None, rows: int | None
-) -> Iterator[Trajectory]:
+def _of(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int | None) -> Iterator[Trajectory]:
     """The rows of one Parquet file, ``rows`` at a time or all at once; of ``columns`` those that it has."""
     with _undamaged(path), path.open("rb") as stream, pq.ParquetFile(stream) as file:
         have = {*file.schema_arrow.names, "timestamp"}

@@ -64,14 +64,12 @@ def on_grid(dataset: Dataset, date: str, grid: Ints) -> Fleet:
     for v, vehicle in enumerate(vehicles):
         t, arrived = _about(dataset, vehicle, date, int(grid[0]), int(grid[-1]))
         there = slice(*np.searchsorted(grid, [t.time[0], t.time[-1] + 1]))
-        found = along_route(t, arrived, grid[there], dataset.site.roads())
+        found = routed(t, arrived, grid[there], dataset.site.roads())
         edge[there, v], offset[there, v], speed[there, v], idle[there, v] = found
     return Fleet(vehicles, grid, edge, offset, speed, idle)
 
 
-def along_route(
-    t: Trajectory, arrived: Mask, grid: Ints, network: Network
-) -> tuple[Index, Floats, Floats, Mask]:
+def routed(t: Trajectory, arrived: Mask, grid: Ints, network: Network) -> tuple[Index, Floats, Floats, Mask]:
     """(G,) edge (-1: gap), offset, speed and ``arrived`` at times ``grid`` (G,), linear along the route."""
     edge, length = t.labels("edge_id").recode(network.index), network.length
     offset, speed = (np.nan_to_num(t.floats(c)) for c in ("edge_offset", "speed"))

@@ -181,9 +181,8 @@ class TravelChannel(Channel):
         noise, waits = np.zeros(len(recorded)), waited[place]
         np.maximum.at(noise, path.of, np.where(waits, scatter[cell], 0.0))
         driven = turns.along(path.s, path.motion.edge, path.motion.curvature, path.inside)
-        path = replace(
-            path, motion=path.motion.replaced(curvature=driven), share=np.where(waits, path.share, 0.0)
-        )
+        share = np.where(waits, path.share, 0.0)
+        path = replace(path, motion=path.motion.replaced(curvature=driven), share=share)
         level = self.about(path, self.base).modelled
         apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
         recorded = np.where(apart, level + path.summed(path.standing), recorded)

@@ -2,7 +2,7 @@
 
 import itertools
 import tomllib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -113,10 +113,8 @@ class Fleet:
     @property
     def trip_names(self) -> tuple[str, ...]:
         """Names of these trips: the number, after the vehicle where there are several."""
-        several = len(self.vehicles) > 1
-        return tuple(
-            f"{self.vehicles[c // TRIP]}:{c % TRIP}" if several else str(c % TRIP) for c in self.own_trips
-        )
+        front = [f"{v}:" if len(self.vehicles) > 1 else "" for v in self.vehicles]
+        return tuple(f"{front[c // TRIP]}{c % TRIP}" for c in self.own_trips)
 
     def moments(self, count: int) -> Floats:
         """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
@@ -153,17 +151,15 @@ class Fleet:
         return float(np.median([np.median(np.diff(t.time)) for _, t in self.days if len(t) > 2])) * 1e-6
 
 
-def read_fleet(
-    dataset: Dataset, truck: Truck, site: Site | None = None, without: Collection[str] = ()
-) -> Fleet:
+def read_fleet(data: Dataset, truck: Truck, site: Site | None = None, without: Sequence[str] = ()) -> Fleet:
     """Return the columns that matter here, but for some, vehicle-day by vehicle-day."""
     columns = [c for c in COLUMNS if c not in without]
-    network = (site or dataset.site).network
-    days, vehicles = [], tuple(dataset.vehicles)
-    for (v, vehicle), date in itertools.product(enumerate(vehicles), dataset.dates):
-        trajectory = dataset.read(vehicle, date, columns)
+    network = (site or data.site).network
+    days, vehicles = [], tuple(data.vehicles)
+    for (v, vehicle), date in itertools.product(enumerate(vehicles), data.dates):
+        trajectory = data.read(vehicle, date, columns)
         if len(trajectory) >= FEWEST_ROWS and (trajectory.has("speed") or trajectory.has("x")):
-            days.append((v, measured_channels(trajectory, dataset.meta)))
+            days.append((v, measured_channels(trajectory, data.meta)))
     if not days:
         raise DataError("no vehicle has rows with a speed", do="import logs that carry speed or positions")
     weighed = {v for v, t in days if t.has("payload")}

@@ -39,10 +39,8 @@ class Values:
         """Return a field of vectors as its part along directions, (C, 2) unit vectors: what roads do not
         follow is unknown, and no part of it."""
         basis = np.einsum("ij,ijk->ik", way, self.basis.reshape(len(way), 2, -1))
-        deviation = (self.deviation.reshape(-1, 2) * way).sum(axis=1)
-        return replace(
-            self, deviation=deviation, samples=self.samples.reshape(-1, 2).max(axis=1), basis=basis
-        )
+        own, samples = (self.deviation.reshape(-1, 2) * way).sum(axis=1), self.samples.reshape(-1, 2)
+        return replace(self, deviation=own, samples=samples.max(axis=1), basis=basis)
 
 
 def large(v: Values) -> Mask:

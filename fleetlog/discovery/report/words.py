@@ -1,9 +1,11 @@
 """Findings in sentences that a fleet engineer understands, from what the terms say of themselves."""
 
 import re
+import tomllib
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 from fleetlog.discovery.model import Scope
@@ -11,13 +13,7 @@ from fleetlog.discovery.report.finding import Finding, Parameter
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
-VARIABLES = {
-    "x": "the place", "y": "", "heading": "direction of travel", "ambient_temperature": "ambient temperature",
-    "soc": "state of charge", "time": "time of day", "time since start": "time since the start of the day",
-    "payload": "payload", "speed": "speed", "acceleration": "acceleration", "curvature": "curvature",
-    "lift_speed": "lifting speed", "fork_height": "fork height", "vehicle_id": "the truck", "day": "the day",
-    "trip_id": "the trip", "standing": "standing", "battery_power": "battery power",
-}  # fmt: skip
+VARIABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 
 def place(where: dict[str, Any] | None) -> str:

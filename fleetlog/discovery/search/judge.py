@@ -82,10 +82,8 @@ def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats
 def _pooled(problem: Problem, count: int, seen: Callable[[Unit], list[Floats]]) -> Floats:
     """(2 + count, W) of the windows held out: what was recorded, what they were held out with, and ``count``
     values that are ``seen`` of a unit."""
-    parts = [
-        np.stack([u.recorded, problem.split.unit(u.windows), *seen(u)])[:, u.whole]
-        for u in problem.held_out()
-    ]
+    held, unit = problem.held_out(), problem.split.unit
+    parts = [np.stack([u.recorded, unit(u.windows), *seen(u)])[:, u.whole] for u in held]
     return np.concatenate([*parts, np.zeros((2 + count, 0))], axis=1)
 
 

@@ -18,6 +18,7 @@ from fleetlog.discovery.hypotheses.sources import Layout
 ROUNDING = 1e-9  # Of a step: what solving is not told from
 PATIENCE = 3  # Changes of all at once that may fail to help; the result is the same for any number
 ENOUGH = 4096  # Windows that are multiplied at once
+Columns = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -62,9 +63,7 @@ class Sums:
         own = np.zeros((vehicles if vehicles > 1 else 0, folds, layout.numbers, p))
         return cls(layout, np.zeros((folds, p, p)), np.zeros((folds, q, q)), own)
 
-    def add(
-        self, x: NDArray[np.float32], residual: Floats, recorded: Floats, weight: Floats, *codes: Ints
-    ) -> None:
+    def add(self, x: Columns, residual: Floats, recorded: Floats, weight: Floats, *codes: Ints) -> None:
         """Add windows: (W, P) columns, residual, recorded quantity, inverse variance; folds and vehicle."""
         root = np.sqrt(weight).astype(np.float32)[:, None]
         z = np.concatenate([x, residual.astype(np.float32)[:, None]], axis=1) * root
