@@ -42,17 +42,13 @@ def diagnose(
 ) -> Diagnosis:  # fmt: skip
     """Say where recording and model differ, and what was left out.
 
-    ``site`` takes the place of the dataset's own; ``channels`` and ``terms`` restrict what is looked at and
-    what may be named; the columns ``without`` are withheld; nothing but the final scores reads what
-    ``holdout`` keeps back; what the rows of ``against``, a simulated dataset, show beyond the nominal truck
-    is then part of the model.
+    ``site`` replaces the dataset's own; ``channels`` and ``terms`` restrict what is looked at and what may be
+    named; the columns ``without`` are withheld; only the final scores read what ``holdout`` keeps back; what
+    the rows of ``against``, a simulated dataset, show beyond the nominal truck is then part of the model.
 
     :class:`DataError` where no channel can be judged, :class:`ArgumentError` where a name is unknown.
     """
-    asked = {"channels": (channels, CHANNELS), "terms": (terms, all_terms()), "without": (without, COLUMNS)}
-    for option, (names, known) in asked.items():
-        for name in (n for n in names if n not in known):
-            raise ArgumentError(f"unknown {name!r}", option=f"--{option}", do=nearest(name, known))
+    check(channels=channels, terms=terms, without=without)
     base = Model(truck)
     if against is not None:
         progress("simulation")
@@ -112,3 +108,10 @@ def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault])
     adjustments = [a for e in explained.values() for a in e.adjustments]
     notes = absences(fleet, once) + [n for e in explained.values() for n in e.problem.channel.notes]
     return Verdict([e.fit for e in explained.values()], order, adjustments, unexplained, notes)
+
+
+def check(**names: Sequence[str]) -> None:
+    """Raise :class:`ArgumentError` where a name of an option is unknown."""
+    known = {"channels": CHANNELS, "terms": tuple(all_terms()), "without": COLUMNS}
+    for option, name in ((o, n) for o, given in names.items() for n in given if n not in known[o]):
+        raise ArgumentError(f"unknown {name!r}", option=f"--{option}", do=nearest(name, known[option]))

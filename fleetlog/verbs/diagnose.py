@@ -45,7 +45,7 @@ def diagnose(
     seed : seed of the cross-validation splits.
     output : folder to write.
     """
-    from fleetlog.discovery.diagnose import diagnose as diagnosed
+    from fleetlog.discovery import diagnose as discovery
     from fleetlog.discovery.report.output import as_result, write_diagnosis
     from fleetlog.report.diagnosis import diagnosis_page
     from fleetlog.view.results import write_result_recording
@@ -55,12 +55,13 @@ def diagnose(
         (folder / "report.html").write_text(diagnosis_page(found, told, place), encoding="utf-8")
         write_result_recording(told, place, folder / "recording.rrd")
 
+    discovery.check(channels=channels, terms=terms, without=without)
     recording, nominal = inputs.as_dataset(dataset), inputs.as_truck(truck)
     given = None if site is None else inputs.as_site(site)
     simulated = None if against is None else inputs.as_dataset(against)
     engines.current().ahead = () if output is None else ("rerun", "matplotlib.figure")
     with destination(output, "diagnosis", overwrite, (dataset, truck, site, against)) as keep:
-        found = diagnosed(
+        found = discovery.diagnose(
             recording, nominal, site=given, against=simulated, channels=channels, terms=terms,
             without=without, holdout=holdout, seed=seed, progress=lambda step: progress(step, 0.0),
         )  # fmt: skip
