@@ -39,8 +39,7 @@ def run(name: str, data: Path, out: Path) -> tuple[Diagnosis, Log]:
 
 def judged(d: Diagnosis, log: Log) -> dict[str, Any]:
     """The agreement of what was found with what was withheld."""
-    found = any("grade" in c.fields for c in d.channels.values())
-    return by_surface(classes(d, log)) if log.labels else by_altitude(profiles(d, log)) if found else {}
+    return by_surface(classes(d, log)) if log.labels else by_altitude(profiles(d, log))
 
 
 def main(name: str, data: Path, out: Path) -> None:

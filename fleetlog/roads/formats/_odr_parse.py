@@ -94,8 +94,8 @@ def parse_road(element: Element) -> Road | None:
     heights, rolls, offset = (_cubics(element.iterfind(profile)) for profile in profiles)
     speeds = tuple((_floats(k, "s")[0], _speed(k.find("speed"))) for k in element.iterfind("type"))
     linked = ((end, link) for end, tag in SIDES for link in element.findall(f"{tag}[@elementId]")[:1])
-    road = "elementType", "road"
-    links = {end: RoadLink(e.get(*road), str(e.get("elementId")), contact(e)) for end, e in linked}
+    kind = "elementType", "road"  # A road where it is not said
+    links = {end: RoadLink(e.get(*kind), str(e.get("elementId")), contact(e)) for end, e in linked}
     sections = _sections(lanes, length)
     return Road(str(element.get("id")), rule, plan, length, heights, rolls, offset, sections, links, speeds)
 
