@@ -12,7 +12,6 @@ from pathlib import Path
 
 import click
 
-import fleetlog
 from fleetlog.cli.commands import verb_lines
 from fleetlog.cli.main import cli
 from fleetlog.core.columns import COLUMNS
@@ -22,7 +21,6 @@ from fleetlog.store.events import ACTIVITIES, TABLES, WAYS
 from fleetlog.verbs.analyze import analyze
 
 HERE = Path(__file__).parent / "reference"
-TERMS = Path(fleetlog.__file__).parent / "physics" / "terms"
 MADE = "<!-- made by docs/generate.py -->\n\n"
 
 
@@ -75,13 +73,12 @@ def truck() -> str:
 def terms() -> str:
     """The physics terms."""
     out = [
-        MADE + "# Physics terms\n\nOne file a term in `fleetlog/physics/terms/`; "
-        "a term of your own is one more file there.\n"
+        MADE
+        + "# Physics terms\n\nA term with a formula is one file in `fleetlog/physics/terms/`, and so is a "
+        "term of your own; the others stand in `plain.toml` there.\n"
     ]
     for name, term in sorted(all_terms().items()):
-        lines = (TERMS / f"{name}.py").read_text(encoding="utf-8").splitlines()
-        noted = " ".join(line[2:] for line in lines if line.startswith("# "))
-        law = " ".join((term.function.__doc__ or "").split()) if term.function else noted
+        law = " ".join((term.function.__doc__ or "").split()) if term.function else term.law
         out.append(f"\n## {name}\n\nMissing: {term.statement}.\n\n{law}\n")
         out += [f"- `{p.name}` [{p.unit}], plausible {p.low:g} to {p.high:g}" for p in term.parameters]
     return "\n".join(out) + "\n"

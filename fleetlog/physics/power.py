@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import chain
 from types import MappingProxyType
 
@@ -20,15 +20,16 @@ import numpy as np
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.field import Field
-from fleetlog.physics.term import Floats, Term, Values
+from fleetlog.physics.term import Floats, Term, Values, plain_terms
 from fleetlog.registry import parts
 
 ByTerm = dict[str, Floats]  # Newtons, watts or shares of every sample, (N,)
 
 
+@cache
 def all_terms() -> dict[str, Term]:
-    """Every term in the folder of terms, by name."""
-    return parts("fleetlog.physics.terms", "TERM")
+    """Every term by name: those in the folder of terms, of its table, and of other packages."""
+    return dict(sorted({**plain_terms(), **parts("fleetlog.physics.terms", "TERM")}.items()))
 
 
 def cause(name: str) -> str:

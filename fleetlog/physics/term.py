@@ -1,10 +1,12 @@
 """What a physics term is: a function of motion, truck and its own parameters, the same signature for all;
 and all that the file of a term imports."""
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.motion import Motion
@@ -99,6 +101,7 @@ class Term:
     statement: str  # What it is, for a fleet engineer; a clause without a full stop
     parameters: tuple[Parameter, ...] = ()
     function: Function | None = None
+    law: str = ""  # What it says where it has no function, whose docstring says it otherwise
     cause: str = ""  # What its energy is spent on, in a breakdown; empty: its name
     nominal: bool = False  # It belongs to the nominal model
     field: bool = False
@@ -123,6 +126,22 @@ class Term:
     def by_name(self) -> dict[str, Parameter]:
         """Parameters by name."""
         return {p.name: p for p in self.parameters}
+
+
+def plain_terms() -> dict[str, Term]:
+    """The terms without a formula of their own, from their table, by name."""
+    text = Path(__file__).with_name("terms").joinpath("plain.toml").read_text(encoding="utf-8")
+    return {
+        name: Term(name, **{k: _plain(v) for k, v in t.items()}) for name, t in tomllib.loads(text).items()
+    }
+
+
+def _plain(value: Any) -> Any:
+    return (
+        tuple(Parameter(**v) if isinstance(v, dict) else v for v in value)
+        if isinstance(value, list)
+        else value
+    )
 
 
 def total_mass(motion: Motion, truck: Truck) -> Floats:

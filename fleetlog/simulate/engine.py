@@ -19,7 +19,7 @@ from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.record import Meter, Recorder, locate
 from fleetlog.simulate.state import STANDS, Log, Mode, Trucks, limits_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, check_vehicles
-from fleetlog.simulate.world import Crossings, World, build_world
+from fleetlog.simulate.world import Crossings, World, build_world, vehicle_names
 from fleetlog.store.writer import DatasetWriter
 
 DEFAULT_START = 1_767_592_800_000_000
@@ -68,7 +68,8 @@ def simulate(
     # Half the time of a large run is writing, and half of that is packing.
     writer.compression = "snappy"
     trucks = Trucks.given(truck, settings.vehicles)
-    world = build_world(site, trucks, settings.vehicles, physics, mined, settings.room, demand.stands)
+    begins = settings.start * 1e-6
+    world = build_world(site, trucks, settings.vehicles, physics, mined, settings.room, demand.stands, begins)
     check_vehicles(demand.given, vehicle_names(settings.vehicles))
     writer.site = world.site
     demand, notes = reachable(demand, world)
@@ -90,11 +91,6 @@ def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
         raise SiteError(what, do="check one-way roads and turns of the map")
     note = f"{len(left_out)} tasks from or to places that were left out are dropped"
     return replace(demand, given=doable, left_out=left_out), [note]
-
-
-def vehicle_names(n: int) -> list[str]:
-    """T1 ... Tn, padded to one width."""
-    return [f"T{i + 1:0{len(str(n))}d}" for i in range(n)]
 
 
 def _check(settings: Settings) -> None:
@@ -132,7 +128,7 @@ class Run:
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
         self.meter = Meter(world, settings)
         self.recorder = Recorder(writer, self.names, world, settings, self.steps, self.total)
-        self.limits = limits_of([p.actual_truck for p in world.physics], trucks.of, length, GAP)
+        self.limits = limits_of([p.at(0.0).actual_truck for p in world.physics], trucks.of, length, GAP)
         self.groups = list(trucks.alike(TOGETHER))
         self.soc_lowest, self.soc_sum, self.waiting = settings.soc, 0.0, 0.0
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple, get_args, get_type_hints
@@ -187,6 +187,7 @@ class Trucks:
 
     kinds: tuple[Truck, ...]
     of: Index
+    own: tuple[Hashable, ...] = ()  # What else tells the kinds apart
 
     @classmethod
     def given(cls, trucks: Truck | Sequence[Truck], vehicles: int) -> Trucks:
@@ -214,7 +215,8 @@ class Trucks:
     def alike(self, most: int) -> Iterator[slice]:
         """Groups of at most so many trucks, one after the other, that take the same power to move alike."""
         types = [replace(truck, drive=replace(truck.drive, **DRIVER)) for truck in self.kinds]
-        kind = np.array([types.index(t) for t in types])[self.of]
+        different = list(zip(types, self.own or types, strict=True))
+        kind = np.array([different.index(d) for d in different])[self.of]
         starts = np.concatenate([[0], np.flatnonzero(np.diff(kind)) + 1, [len(kind)]])
         for low, high in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
             yield from (slice(k, min(k + most, high)) for k in range(low, high, most))

@@ -11,6 +11,7 @@ from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site, Zone
 from fleetlog.core.truck import Truck
+from fleetlog.core.words import listed
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
 from fleetlog.simulate import junctions as between
@@ -46,16 +47,19 @@ class World:
 def build_world(
     site: Site, trucks: Trucks | Truck, vehicles: int, physics: Physics | None = None,
     mined: frozenset[str] = frozenset(), room: int = 0, stands: Mapping[str, Stand] = MappingProxyType({}),
+    start: float = 0.0,
 ) -> World:  # fmt: skip
-    """Lay out a site, ``mined`` places if there is room; :class:`SiteError` if it cannot hold the trucks."""
+    """Lay out a site, ``mined`` places if there is room; :class:`SiteError` if it cannot hold the trucks.
+    Times of the physics count from ``start`` [s since 1970] then; how fast trucks drive is that of the
+    start."""
     site, notes = with_loops(site)
-    if physics is not None and physics.own:
-        notes = [*notes, "what the model has for single trucks or hours of its recording is left out"]
     network = site.roads()
     trucks = Trucks.given(trucks, vehicles) if isinstance(trucks, Truck) else trucks
     truck = trucks.envelope
-    own = [replace((physics or Physics(truck)).fleet, truck=kind) for kind in trucks.kinds]
-    fastest = max((p.actual_truck.drive for p in own), key=lambda d: d.max_speed * d.speed_factor)
+    trucks, own, absent = _with_own(trucks, physics or Physics(truck), start)
+    notes = [*notes, *absent]
+    at_start = [p.at(0.0) for p in own]
+    fastest = max((p.actual_truck.drive for p in at_start), key=lambda d: d.max_speed * d.speed_factor)
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
     maker = BayMaker(track, junctions, truck, 1.0 if site.traffic == "left" else -1.0, stands)
@@ -63,11 +67,36 @@ def build_world(
     doors = all_doors(track, junctions, maker.bays, truck)
     ground = with_spurs(track, doors)
     walks = stops_before(site, track, truck.chassis.length)
-    roads = _roads(site, track, junctions, doors, ground, truck, own, walks)
+    roads = _roads(site, track, junctions, doors, ground, truck, at_start, walks)
     limit = np.where(np.isfinite(network.speed_limit), network.speed_limit, fastest.max_speed)
     pace = np.minimum(limit * fastest.speed_factor, fastest.max_speed)
     ways = Ways(track, Router(network, pace, turn_time=TURN_TIME), doors, len(maker.bays))
     return World(site, trucks, truck, own, track, ground, maker.bays, doors, roads, ways, walks, notes)
+
+
+def _with_own(trucks: Trucks, physics: Physics, start: float) -> tuple[Trucks, list[Physics], list[str]]:
+    """The trucks with those apart that have values of their own, the physics of each kind, and what to say of
+    vehicles that the physics names and the fleet has not."""
+    if not physics.own:
+        return trucks, [replace(physics, truck=kind) for kind in trucks.kinds], []
+    names = vehicle_names(len(trucks.of))
+    keys = [
+        (k, tuple(o.vehicles is None or name in o.vehicles for o in physics.own))
+        for name, k in zip(names, trucks.of.tolist(), strict=True)
+    ]
+    kinds = list(dict.fromkeys(keys))
+    of = np.array([kinds.index(key) for key in keys], np.int32)
+    apart = Trucks(tuple(trucks.kinds[k] for k, _ in kinds), of, tuple(which for _, which in kinds))
+    first = [names[keys.index(kind)] for kind in kinds]
+    own = [replace(physics.of(n, start), truck=t) for n, t in zip(first, apart.kinds, strict=True)]
+    absent = sorted({v for o in physics.own for v in o.vehicles or ()} - {*names})
+    note = f"the model has values of its own for {listed(absent)}, which this fleet has not"
+    return apart, own, [note] if absent else []
+
+
+def vehicle_names(n: int) -> list[str]:
+    """T1 ... Tn, padded to one width."""
+    return [f"T{i + 1:0{len(str(n))}d}" for i in range(n)]
 
 
 def with_spurs(track: Track, doors: list[Door]) -> Track:

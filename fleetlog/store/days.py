@@ -148,7 +148,7 @@ def partials_of(
 def code_digest() -> str:
     """The digest of fleetlog's own code: a partial result of another version is none."""
     package, digest = Path(__file__).parents[1], hashlib.sha256()
-    for file in sorted(package.rglob("*.py")):
+    for file in sorted([*package.rglob("*.py"), *package.rglob("*.toml")]):
         digest.update(str(file.relative_to(package)).encode())
         digest.update(file.read_bytes())
     return digest.hexdigest()

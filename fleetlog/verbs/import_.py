@@ -68,7 +68,8 @@ def import_(
     else:
         place = Site() if site is None else as_site(site)
         writing = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
-    engines.current().ahead = ("fleetlog.view.recording",) if recording and not append else ()
+    replay = ("fleetlog.view.recording",) if recording and not append else ()
+    engines.current().ahead = ("fleetlog.roads.matching", *replay)
     with writing as writer:
         summary = import_logs(paths, writer.site, writer, progress=progress, align=align, **read)
         if recording and not append:

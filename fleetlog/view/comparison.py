@@ -19,11 +19,9 @@ from fleetlog.view.scene import log_site
 from fleetlog.view.stream import Stream, entity, open_stream
 
 DIFFERENCES = {
-    "apart": "Distance apart [m]",
-    "power": "Power, simulated - recorded [kW]",
-    "energy": "Energy so far, simulated - recorded [kWh]",
-    "soc": "Charge, simulated - recorded [%]",
-}
+    "apart": "Distance apart [m]", "power": "Power, simulated - recorded [kW]",
+    "energy": "Energy so far, simulated - recorded [kWh]", "soc": "Charge, simulated - recorded [%]",
+}  # fmt: skip
 TOTALS = {
     "driving": "Trucks driving",
     "distance": "Distance so far, all trucks [km]",

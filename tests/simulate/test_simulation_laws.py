@@ -9,6 +9,7 @@ from simulated_sites import TRUCK, aisle, crossing, grid, place
 
 from fleetlog.core.motion import Motion
 from fleetlog.physics.power import Own, Physics, battery_power, cell_power, ledger
+from fleetlog.simulate.engine import Settings
 from fleetlog.simulate.tasks import Demand, Task
 
 CASES = [(f"grid-{seed}", lambda s=seed: grid(4, 4, seed=s), 16) for seed in range(6)]
@@ -129,12 +130,33 @@ def test_a_term_can_be_added_and_switched_off(simulated):
     less = simulated(
         grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, off=frozenset({"auxiliary_load"}))
     )
-    # What single trucks or hours have of their own was recorded of other trucks, at another time.
-    own = Own({"auxiliary_load": {"power": 900.0}}, ("T1",))
-    others = simulated(grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, own=(own,)))
-    np.testing.assert_allclose(others.array("battery_power"), plain.array("battery_power"))
     np.testing.assert_allclose(more.array("battery_power") - plain.array("battery_power"), 500.0, atol=0.02)
     np.testing.assert_allclose(plain.array("battery_power") - less.array("battery_power"), 400.0, atol=0.02)
+
+
+def test_a_truck_and_an_hour_have_values_of_their_own(simulated):
+    plain = simulated(grid(), 3, 120.0, interval=1.0)
+    begin = Settings().start * 1e-6
+    own = (
+        Own({"auxiliary_load": {"power": 900.0}}, ("T2",)),
+        Own({"auxiliary_load": {"power": 700.0}}, ("T3", "T9"), begin=begin + 60.0),
+    )
+    of_its_own = simulated(grid(), 3, 120.0, interval=1.0, physics=Physics(TRUCK, own=own))
+    more = of_its_own.array("battery_power") - plain.array("battery_power")
+    np.testing.assert_array_equal(of_its_own.array("x"), plain.array("x"))
+    np.testing.assert_allclose(more[0], 0.0, atol=0.02)
+    np.testing.assert_allclose(more[1], 500.0, atol=0.02)
+    np.testing.assert_allclose(more[2, :59], 0.0, atol=0.02)
+    np.testing.assert_allclose(more[2, 61:], 300.0, atol=0.02)
+    note = "the model has values of its own for T9, which this fleet has not"
+    assert sorted(of_its_own.summary.notes) == sorted([*plain.summary.notes, note])
+
+
+def test_a_truck_drives_by_the_speed_of_its_own(simulated):
+    slow = Own({"driven_speed": {"share": 0.5}}, ("T2",))
+    sim = simulated(grid(), 2, 300.0, interval=1.0, physics=Physics(TRUCK, own=(slow,)))
+    fastest = sim.array("speed").max(axis=1)
+    assert fastest[1] < 0.6 * fastest[0]
 
 
 def test_power_at_rest_is_auxiliary_only():

@@ -20,6 +20,7 @@ QUANTA = 8.0
 """Steps in a window of a stepped state of charge on average: its error is then a twentieth of its energy."""
 WIDEST = 600.0  # Of a window [s]: a stretch of road is no longer seen in a wider one
 ROWS = 3.0  # Rows in a window at least
+SHARED = 0.05  # Levels of a power in steps, by row: twenty rows have a value in common on average
 ENOUGH = 4.0  # Times the fewest windows that a channel is judged by
 
 
@@ -38,7 +39,8 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     measured = name == "soc" and fleet.has("battery_power")
     step = _charge_step(fleet) if name == "soc" else 0.0
     window = _window(fleet, name, settings, step)
-    channel = EnergyChannel(name, fleet, base, window, _cells(fleet), measured, charge_step=step)
+    coarse = _power_step(fleet) if name == "battery_power" else 0.0
+    channel = EnergyChannel(name, fleet, base, window, _cells(fleet), measured, step, power_step=coarse)
     hidden = channel.settle(settings, split, final=False)
     if measured and hidden**2 > DILUTED:
         # As wide as leaves enough of them to see what the battery does as it empties.
@@ -72,3 +74,10 @@ def _charge_step(fleet: Fleet) -> float:
     change = np.concatenate([np.abs(np.diff(t.floats("soc"))) for _, t in fleet.days])
     steps = change[np.isfinite(change) & (change > 0.0)]
     return float(np.quantile(steps, 0.05)) if len(steps) else 0.0
+
+
+def _power_step(fleet: Fleet) -> float:
+    """The step in which power is logged [W]; 0 where hardly any two rows have a value in common."""
+    watts = np.concatenate([np.round(t.floats("battery_power"), 1) for _, t in fleet.days])
+    levels = np.unique(watts[np.isfinite(watts)])
+    return float(np.diff(levels).min()) if 1 < len(levels) < SHARED * len(watts) else 0.0

@@ -43,12 +43,16 @@ class EnergyChannel(Channel):
     places: Cells | None
     measured: bool = False
     charge_step: float = 0.0  # Step in which the state of charge is logged
+    power_step: float = 0.0  # Step in which power is logged [W]
     between: Between | None = None  # What recorded power lacks between rows
 
     def __post_init__(self) -> None:
         self.metric = f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
         # Where power is measured, sampling hides nothing and free power by place says nothing.
         self.errors = [] if self.measured else list(ERRORS)
+        if self.power_step > LEAST_SWING:  # Rounding is off by any part of a step alike
+            spread, vehicles = self.power_step / np.sqrt(12.0), range(len(self.fleet.vehicles))
+            self.errors += [ErrorSource("rounding", spread, vehicle=v) for v in vehicles]
         self.by_place = self.places is not None and not self.measured
 
     def units(self) -> Iterator[Unit]:

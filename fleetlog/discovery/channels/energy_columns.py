@@ -199,6 +199,8 @@ class EnergyAbout(About):
             cells = self.channel.cells(None)
             assert isinstance(cells, Stretches)
             change = change * (cells.road(self.own.motion.edge) == source.road)
+        if source.vehicle is not None:
+            change = change * (self.own.block.vehicle == source.vehicle)
         return self.own.energy(change)[:, None]
 
     @cached_property
@@ -212,6 +214,11 @@ class EnergyAbout(About):
     def _sampling(self) -> Floats:
         """(n,) W that the likeliest motion lacks of the expected power: braking at unseen accelerations."""
         return Evaluation(self.own.block.likeliest, self.e.physics, self.e.charge).power - self.e.power
+
+    @cached_property
+    def _rounding(self) -> Floats:
+        """(n,) 1 W at rest, where the power is the same for long and so is what rounding it adds."""
+        return np.asarray((self.own.motion.speed == 0.0) & (self.own.motion.lift_speed == 0.0), float)
 
     @cached_property
     def _ripple(self) -> Floats:

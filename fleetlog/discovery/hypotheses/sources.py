@@ -53,12 +53,13 @@ class FieldSource:
 
 @dataclass(frozen=True)
 class ErrorSource:
-    """What sampling hides from any model, everywhere or on one ``road`` (an edge, counted in its direction);
-    ``spread`` is the standard deviation of its coefficient."""
+    """What sampling hides from any model, everywhere, on one ``road`` (an edge, counted in its direction) or
+    of one ``vehicle``; ``spread`` is the standard deviation of its coefficient."""
 
     name: str
     spread: float
     road: int | None = None
+    vehicle: int | None = None
 
     @property
     def most(self) -> float:

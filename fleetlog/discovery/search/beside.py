@@ -136,7 +136,7 @@ def screen(problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesi
     for chosen, share in itertools.product(tightened(joint.chosen), SHARES):
         other = scored(problem, sums, joint.model, chosen, [share])
         head = joint.score - other.score
-        found = (_screen(problem, sums, other, tried, slow) for slow in (False, True))
+        found = (gained(problem, sums, other, [h for h in tried if h.slow == s], s) for s in (False, True))
         for s in itertools.chain.from_iterable(found):
             now = Screened(s.hypothesis, s.gain + head, s.by_fold, chosen)
             key = s.hypothesis.kind
@@ -145,11 +145,12 @@ def screen(problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesi
     return sorted(best.values(), key=lambda s: -s.gain)
 
 
-def _screen(
-    problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesis], slow: bool
+def gained(
+    problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesis], slow: bool = False
 ) -> Iterator[Screened]:
-    """Yield every hypothesis, those with a prior of unknown width at several widths."""
-    mine = [(h, of_hypothesis(problem.channel, sums.layout, joint.model, h)) for h in tried if h.slow == slow]
+    """Yield every hypothesis, those with a prior of unknown width at several widths; on trips that were not
+    seen, or on stretches of hours (``slow``)."""
+    mine = [(h, of_hypothesis(problem.channel, sums.layout, joint.model, h)) for h in tried]
     ends = itertools.accumulate(len(own) for _, own in mine)
     grouped = itertools.groupby(zip(mine, ends, strict=True), lambda pair: pair[1] // TOGETHER)
     sets = [[one for one, _ in group] for _, group in grouped]

@@ -9,7 +9,7 @@ from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model, field_values
 from fleetlog.discovery.recording.turns import REACH
-from fleetlog.discovery.search.beside import Screened, pattern_hypotheses, screen
+from fleetlog.discovery.search.beside import Screened, gained, pattern_hypotheses, screen
 from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tightened, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
@@ -91,19 +91,31 @@ def _best(
     beside |= {h: now.chosen for h in _on_edge(problem, now) if h not in beside}
     tried = _exact(problem, sums, now, beside)
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
-    tried = [_no_better_than(now, j, tried, slow) for j in tried]
+    tried = [_no_better_than(problem, sums, now, j, tried, slow) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
     counting = _counting(problem, sums, now, ranked, rivals)
     first = next(counting, None)
-    if first is not None and first.chosen[-1].places:
+    if first is not None and first.chosen[-1].term is None:
         # What the names say of places goes first: free time by place takes up all of it, and what no name
-        # says.
-        reach = now.score - MOST * (now.score - first.score)
-        first = next((j for j in counting if j.chosen[-1].term and j.score < reach), first)
+        # says.  Elsewhere one goes first of two that the model's own error may exchange for the curve.
+        most, own = MOST if first.chosen[-1].places else 0.5, problem.channel.model_error
+        reach = now.score - most * (now.score - first.score)
+        name = next((j for j in counting if j.chosen[-1].term and j.score < reach), None)
+        if name is not None and (first.chosen[-1].places or verified(_of_two(problem, name), first) < own):
+            first = name
     if first is not None:
         first, ranked = _timed(problem, now, first, ranked)
         found.rivals[first.chosen[-1].kind] = _rivals(problem, now, first, ranked)
     return first
+
+
+def _of_two(problem: Problem, name: Joint) -> Joint:
+    """A model with the number beside it that predicts best."""
+    sums = problem.sums(name.model, [*problem.rest, *name.chosen])
+    screened = screen(problem, sums, name, [h for h in _candidates(problem, sums, name) if h.knobs])
+    tried = [*(s.hypothesis for s in screened[:SECOND]), *_on_edge(problem, name)]
+    more = _exact(problem, sums, name, dict.fromkeys(tried, name.chosen))
+    return min([name, *more], key=lambda j: j.score)
 
 
 def _counting(
@@ -164,14 +176,23 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
 NOTHING = 0.01  # Share of the largest gain of a fold up to which a fold has nothing to say
 OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve that says more
 MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
+SECOND = 3  # Numbers that are tried beside a name
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
 
 
-def _no_better_than(now: Joint, joint: Joint, tried: list[Joint], slow: dict[Hypothesis, Screened]) -> Joint:
-    """A slow hypothesis gains no more than on stretches of hours that it has not seen; numbers of the same
-    time gain less by as much: how loosely the model holds what they change is no difference between them."""
+def _no_better_than(
+    problem: Problem, sums: Sums, now: Joint, joint: Joint, tried: list[Joint],
+    slow: dict[Hypothesis, Screened],
+) -> Joint:  # fmt: skip
+    """A slow number gains less by what stretches of hours that it has not seen say less for it than trips.
+    One of a part, and a curve, gain no more than on those stretches, and numbers of the same time gain less
+    by as much: how loosely the model holds what they change is no difference between them."""
     h = joint.chosen[-1]
+    if h.kind in slow and h.knobs and h.scope.whole:
+        hours, trips = slow[h.kind], max(gained(problem, sums, now, [h]), key=lambda s: s.gain)
+        score = joint.score + max(trips.gain - hours.gain, 0.0)
+        return replace(joint, score=score, losses=joint.losses + trips.by_fold - hours.by_fold)
     same = [j for j in tried if h.knobs and h.scope.timed and j.chosen[-1].scope == h.scope] or [joint]
     alike = [(now.score - j.score, slow[k]) for j in same if (k := j.chosen[-1].kind) in slow]
     seen = max((g for g, _ in alike), default=0.0)
@@ -236,7 +257,8 @@ def _exact(
         most = 3 if h.term is None or (h.physics and h.physics.field) else 2 if kind == "scoped" else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
-            short.append(refit(problem, now.model, [*beside, h], 2 if h.term else 1, sums))
+            chosen = _formed(problem, sums, now.model, (*beside, h), h)
+            short.append(refit(problem, now.model, chosen, 2 if h.term else 1, sums))
     return short
 
 
@@ -351,15 +373,26 @@ def _without(problem: Problem, joint: Joint, dropped: Hypothesis) -> Joint:
     set beside it may be another alone."""
     left = refit(problem, joint.without(dropped), [c for c in joint.chosen if c is not dropped], steps=2)
     for h in [h for h in left.chosen if h.setting]:
-        forms = [f for f in problem.rest if f.setting and (f.term, f.knobs) == (h.term, h.knobs)]
-        if not forms:
-            continue
-        model = left.without(h)
-        sums = problem.sums(model, [*left.chosen, *forms])
-        tried = [scored(problem, sums, model, [form if c is h else c for c in left.chosen]) for form in forms]
-        best = min(tried, key=lambda j: j.score)
-        left = min(left, refit(problem, model, best.chosen, steps=2), key=lambda j: j.score)
+        if forms := _forms(problem, h):
+            model = left.without(h)
+            sums = problem.sums(model, [*left.chosen, *forms])
+            chosen = _formed(problem, sums, model, left.chosen, h)
+            left = min(left, refit(problem, model, chosen, steps=2), key=lambda j: j.score)
     return left
+
+
+def _forms(problem: Problem, h: Hypothesis) -> list[Hypothesis]:
+    """The shapes of a hypothesis that are scanned."""
+    return [f for f in problem.rest if f.setting and (f.term, f.knobs) == (h.term, h.knobs)]
+
+
+def _formed(
+    problem: Problem, sums: Sums, model: Model, chosen: tuple[Hypothesis, ...], h: Hypothesis
+) -> tuple[Hypothesis, ...]:
+    """The same with one of them in the shape that fits best when all others give way to it."""
+    tried = [tuple(f if c is h else c for c in chosen) for f in _forms(problem, h)]
+    fits = [scored(problem, sums, model, c) for c in tried if len(tried) > 1]
+    return min(fits, key=lambda j: j.score).chosen if fits else chosen
 
 
 def _shaped(problem: Problem, found: Search) -> Search:

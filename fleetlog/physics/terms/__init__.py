@@ -1,1 +1,1 @@
-"""One file a term, which is a plain function of motion and truck; see :mod:`fleetlog.physics.term`."""
+"""One file a term, a function of motion and truck (:mod:`fleetlog.physics.term`); others in plain.toml."""
