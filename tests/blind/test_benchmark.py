@@ -13,9 +13,16 @@ from run import run
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    ["none", "drivetrain_efficiency", "waiting", "auxiliary_load+grade", "lift_efficiency+wind", "warm_up"],
-)
+    [
+        "none,seed=1002", "drivetrain_efficiency,seed=1002", "waiting,seed=1002", "auxiliary_load+grade,seed=1002",
+        "lift_efficiency+wind,seed=1002", "warm_up,seed=1002",
+        # A heating's threshold, two numbers that a curve says as well, power in steps (decision 41).
+        "thermal_load+drivetrain_efficiency+lift_efficiency,seed=5005",
+        "viscous_drag+rolling_resistance,together=opposite,seed=5005",
+        "none,site=corridor,logger=power_500w,seed=5006",
+    ],
+)  # fmt: skip
 def test_concealed_effects_are_named(name: str, tmp_path: Path) -> None:
-    row = judged(run(Case.parse(f"{name},seed=1002"), tmp_path))
+    row = judged(run(Case.parse(name), tmp_path))
     assert row["word"] == "right", row.get("error", row.get("found"))
     assert not row["faults"]
