@@ -98,7 +98,7 @@ def _best(
     if first is not None and first.chosen[-1].term is None:
         # What the names say of places goes first: free time by place takes up all of it, and what no name
         # says.  Elsewhere one goes first of two that the model's own error may exchange for the curve.
-        most, own = MOST if first.chosen[-1].places else 0.5, problem.channel.model_error
+        most, own = MOST if first.chosen[-1].places else HALF, problem.channel.model_error
         reach = now.score - most * (now.score - first.score)
         name = next((j for j in counting if j.chosen[-1].term and j.score < reach), None)
         if name is not None and (first.chosen[-1].places or verified(_of_two(problem, name), first) < own):
@@ -176,6 +176,7 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
 NOTHING = 0.01  # Share of the largest gain of a fold up to which a fold has nothing to say
 OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve that says more
 MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
+HALF = 0.5  # The same of a curve, of the one of two names that says more
 SECOND = 3  # Numbers that are tried beside a name
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
@@ -390,9 +391,11 @@ def _formed(
     problem: Problem, sums: Sums, model: Model, chosen: tuple[Hypothesis, ...], h: Hypothesis
 ) -> tuple[Hypothesis, ...]:
     """The same with one of them in the shape that fits best when all others give way to it."""
-    tried = [tuple(f if c is h else c for c in chosen) for f in _forms(problem, h)]
-    fits = [scored(problem, sums, model, c) for c in tried if len(tried) > 1]
-    return min(fits, key=lambda j: j.score).chosen if fits else chosen
+    forms = _forms(problem, h)
+    if len(forms) < 2:
+        return chosen
+    fits = (scored(problem, sums, model, [f if c is h else c for c in chosen]) for f in forms)
+    return min(fits, key=lambda j: j.score).chosen
 
 
 def _shaped(problem: Problem, found: Search) -> Search:
