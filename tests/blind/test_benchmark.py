@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from cases import Case
-from judged import judged
+from judged import inside, judged
 from run import run
 
 
@@ -20,9 +20,14 @@ from run import run
         "thermal_load+drivetrain_efficiency+lift_efficiency,seed=5005",
         "viscous_drag+rolling_resistance,together=opposite,seed=5005",
         "none,site=corridor,logger=power_500w,seed=5006",
+        # Waits on stretches of lanes that are not those of roads; corners that are cut (decision 42).
+        "auxiliary_load+laden_speed+waiting,seed=5007",
+        "cornering_resistance,site=grid,seed=4011,vehicles=10,hours=1.0",
     ],
 )  # fmt: skip
 def test_concealed_effects_are_named(name: str, tmp_path: Path) -> None:
     row = judged(run(Case.parse(name), tmp_path))
     assert row["word"] == "right", row.get("error", row.get("found"))
     assert not row["faults"]
+    waits = [n for e in row["effects"] if e["term"] == "waiting" for n in e["numbers"]]
+    assert all(inside(n) for n in waits), waits

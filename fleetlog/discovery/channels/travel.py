@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.discovery.channels.base import About, Channel, Unit
 from fleetlog.discovery.channels.paths import Laid, Lost, Path, laid_out, lost_time
 from fleetlog.discovery.hypotheses import sources
@@ -152,33 +152,34 @@ class TravelChannel(Channel):
         yield from self._kept
 
     def _stands(self, laid: Iterable[Laid]) -> tuple[Floats, Mask]:
-        """How far waits scatter on each stretch of a lane, (n,), and which stretches of road are places where
-        trucks stood for no purpose: only there they waited, and times scatter so. A truck with another in its
-        way waits there as well: of such passages only the standing counts."""
+        """How far waits scatter on each stretch of a lane, (n,), and on which trucks stood for no purpose:
+        only there they waited, and times scatter so. A truck with another in its way waits there as well: of
+        such passages only the standing counts."""
         n, found = len(self.lanes), [np.zeros((3, 0))]
-        both = np.zeros(len(self.roads))  # What holds up one direction of a road often holds up the other
         for path, windows, _, whole in laid:
-            cell, place = self._cells(path)
+            cell = self.lanes.at(path.motion)[0].astype(np.int64)
             seen = ((whole | path.apart) & (self.split.fold(windows) != HELD_OUT))[path.of]
             first = np.flatnonzero(np.diff(cell, prepend=-1))  # Of every passage
             wait = np.add.reduceat(np.where(seen, path.standing, 0.0), first)
-            both += np.bincount(place[first], wait > 0.0, len(both))
             # Whoever sets off there has not passed.
             use = (seen & path.inside)[first] | (wait > 0.0)
             found.append(np.stack([cell[first], path.motion.time[first], wait])[:, use])
         lane, time, wait = np.concatenate(found, axis=1)
         order = np.lexsort((time, lane))
         lane, wait = lane[order].astype(np.int64), wait[order]
-        passed, stood = (np.maximum(np.bincount(lane[k], minlength=n), 1.0) for k in (wait >= 0, wait > 0))
+        passages, stops = (np.bincount(lane[k], minlength=n) for k in (wait >= 0.0, wait > 0.0))
+        passed, stood = (np.maximum(count, 1.0) for count in (passages, stops))
+        # What holds up one direction of a road often holds up the other.
+        waited = stops + np.where(self.lanes.opposite >= 0, stops[self.lanes.opposite], 0) >= FEW
         # Passages are compared with the one before: where trucks wait since noon, that is no scatter.
         next_one = np.diff(lane) == 0
         off = np.bincount(lane[1:][next_one], 0.5 * np.diff(wait)[next_one] ** 2, n)
-        return (off + (SCATTER * np.bincount(lane, wait, n) / stood) ** 2) / passed, both >= FEW
+        return (off + (SCATTER * np.bincount(lane, wait, n) / stood) ** 2) / passed, waited
 
     def _unit(self, laid: Laid, turns: Turns, scatter: Floats, waited: Mask) -> Unit:
         path, windows, recorded, whole = laid
-        cell, place = self._cells(path)
-        noise, waits = np.zeros(len(recorded)), waited[place]
+        cell = self.lanes.at(path.motion)[0]
+        noise, waits = np.zeros(len(recorded)), waited[cell]
         np.maximum.at(noise, path.of, np.where(waits, scatter[cell], 0.0))
         driven = turns.along(path.s, path.motion.edge, path.motion.curvature, path.inside)
         share = np.where(waits, path.share, 0.0)
@@ -187,11 +188,6 @@ class TravelChannel(Channel):
         apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
         recorded = np.where(apart, level + path.summed(path.standing), recorded)
         return Unit(windows, recorded, whole | apart, noise, level, np.ones(len(recorded)), path)
-
-    def _cells(self, path: Path) -> tuple[Ints, Ints]:
-        """The stretch of a lane, and of a road, that every node is on, (G,)."""
-        lane, road = (cells.at(path.motion)[0].astype(np.int64) for cells in (self.lanes, self.roads))
-        return lane, road
 
     def about(self, own: Path, model: Model) -> TravelAbout:
         """Return what a model says of a path, (W,) [s], and columns about it."""

@@ -118,6 +118,14 @@ class Stretches(Cells):
         """(N,) the edge in whose direction the road of each is counted; -1 off the map."""
         return np.where(edge >= 0, self.road_edge[self.first[np.maximum(edge, 0)]], -1).astype(np.int32)
 
+    @property
+    def opposite(self) -> Ints:
+        """(C,) the stretch of the other direction beside each, where both have their own; -1 for none."""
+        edge = self.road_edge
+        other = self.network.reverse[edge]
+        facing = self.first[other] + self.count[other] - 1 - (np.arange(len(self)) - self.first[edge])
+        return np.where(other >= 0, facing, -1)
+
     def roads(self) -> list[tuple[int, int]]:
         """Return the first stretch of every road, and the one after its last."""
         begin = np.flatnonzero(np.diff(self.road_edge, prepend=-1) != 0)

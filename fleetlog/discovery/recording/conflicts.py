@@ -178,9 +178,9 @@ def _held(n: _Nodes, begin: Ints, i: Ints, freed: Floats) -> Mask:
     """(N,) whether the way ahead was freed just before a truck set off from a node where it stood."""
     out = np.zeros(len(n.way), bool)
     order = np.argsort(i, kind="stable")
-    begin, freed = begin[order], freed[order]
+    i, begin, freed = i[order], begin[order], freed[order]
     for node in np.flatnonzero(n.leave - n.arrive > 0.0):
-        a, b = np.searchsorted(i[order], [node, np.searchsorted(n.way, n.way[node] + FARTHEST)])
+        a, b = np.searchsorted(i, [node, np.searchsorted(n.way, n.way[node] + FARTHEST)])
         out[node] = bool((freed[a:b][begin[a:b] <= node] > n.leave[node] - RELEASE).any())
     return out
 
@@ -222,9 +222,10 @@ def _met(n: _Nodes, reach: Floats) -> tuple[Ints, Ints]:
     pairs = []
     for dx in (-1, 0, 1):
         for dy in (-1, 0, 1):
-            a, b = np.searchsorted(own, key(dx, dy, early)), np.searchsorted(own, key(dx, dy, late))
+            # What is looked for in order lies near in memory.
+            a, b = (np.searchsorted(own, key(dx, dy, time)[order]) for time in (early, late))
             count = np.maximum(b - a, 0)
-            i = np.repeat(everyone, count)
+            i = np.repeat(order, count)
             j = order[np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(a, count)]
             other = n.vehicle[i] != n.vehicle[j]
             pairs.append((i[other], j[other]))

@@ -14,7 +14,7 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.sources import KnobSource, Layout, Source
 from fleetlog.discovery.model import Knob, Model, Scope
-from fleetlog.discovery.search.ridge import Normal, Prior, Sums
+from fleetlog.discovery.search.ridge import Normal, Prior, Sums, stiff
 
 CERTAIN = 2.0  # A tolerance is stated at this many standard deviations
 ALIKE = 0.5  # Trucks of a fleet differ by this share of the tolerance of the truck file
@@ -65,7 +65,7 @@ class Design:
         if not which.any():
             return 0.0
         precision = self.prior.precision
-        spread = np.diag(np.linalg.pinv(normal.gram.sum(axis=0) + np.diag(precision + 1e-12)))
+        spread = np.diag(np.linalg.inv(stiff(normal.gram.sum(axis=0), self.prior)))
         known = np.clip(1.0 - precision * spread, 0.0, 1.0)
         return float(known[which].sum() * np.log(share))
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Index, Mask
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.physics.motion.noise import Noise, Observed, estimate_noise, smooth
 from fleetlog.physics.motion.rows import Codes, Rows
@@ -78,6 +78,22 @@ def mean_curvature(way: Floats, half: Floats, driven: Floats, turned: Floats) ->
     """Mean over a way from ``half`` m before to ``half`` m after its places [1/m], left positive."""
     low, high = (np.interp(way + side * half, driven, turned) for side in (-1.0, 1.0))
     return np.asarray((high - low) / (2.0 * half))
+
+
+def by_odometer(bends: Bends, way: Floats, step: Floats, leaps: Ints, radius: float) -> Bends:
+    """What was turned by the (n,) ``way`` of samples, each ``step`` long, by the metres that they drove. The
+    way leaps before the samples ``leaps`` where a truck cuts a corner, or takes it wide: it turned there
+    as well, about as sharply as its ``radius`` [m] allows."""
+    ends = np.append(0.0, np.cumsum(step))
+    low, high = (np.interp(way + side * step, bends.driven, bends.turned) for side in (-0.5, 0.5))
+    turned = np.append(0.0, np.cumsum(high - low))
+    angle = low[leaps] - high[leaps - 1]
+    reach = np.maximum(0.5 * radius * np.abs(angle), 0.1)
+    knots = np.sort(np.concatenate([ends, ends[leaps] - reach, ends[leaps] + reach]))
+    total = np.interp(knots, ends, turned)
+    for at, size, far in zip(ends[leaps], angle, reach, strict=True):
+        total += size * np.clip(0.5 + 0.5 * (knots - at) / far, 0.0, 1.0)
+    return Bends(knots, total, knots)
 
 
 def track_of(rows: Rows) -> Track:

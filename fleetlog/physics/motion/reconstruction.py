@@ -20,7 +20,16 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.channels import Forks, forks, measured_power, payload, slope_from_height
 from fleetlog.physics.motion.noise import Noise, Observed, Smoothed, estimate_noise, jerk_strength, smooth
-from fleetlog.physics.motion.path import RADIUS, Path, Track, by_second, follow, mean_curvature, track_of
+from fleetlog.physics.motion.path import (
+    RADIUS,
+    Path,
+    Track,
+    by_odometer,
+    by_second,
+    follow,
+    mean_curvature,
+    track_of,
+)
 from fleetlog.physics.motion.rows import STANDING, Rows, against_odometer, read_rows, speed_is_mean
 
 Numbers = Index | Ints
@@ -122,9 +131,11 @@ def reconstruct(
         return _nothing(noise or Noise())
     rows = read_rows(trajectory, network, scale)
     track = track_of(rows) if trajectory.has("x") and (rows.edge < 0).any() else None
-    path = follow(network, rows, track, RADIUS if truck is None else truck.chassis.turn_radius)
+    radius = RADIUS if truck is None else truck.chassis.turn_radius
+    path = follow(network, rows, track, radius)
     longer, lost = against_odometer(rows, path.seen, path.link != 0)
-    path.link[lost & (path.link == 0)] = 1
+    leaps = np.flatnonzero(lost & (path.link == 0))
+    path.link[leaps] = 1
     seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), path.link)
     observed = Observed(rows.t, seen, rows.speed, rows.rest, path.link)
     mean_over = 0.0
@@ -143,8 +154,15 @@ def reconstruct(
     way, speed, acceleration = states.mean[node].T
     speed = np.where(standing, 0.0, speed)
     acceleration = np.where(standing, 0.0, acceleration + _spread(acceleration_sd))
+    way = way * longer
+    place, bends = way, path.bends
+    if len(leaps):
+        step, after = speed * grid.dt, np.searchsorted(grid.moment, rows.t[leaps])
+        bends = by_odometer(bends, way, step, after[(after > 0) & (after < len(way))], radius)
+        place = np.cumsum(step) - 0.5 * step
+    curvature = mean_curvature(place, np.maximum(0.5 * speed * grid.dt, STEERING), bends.driven, bends.turned)
     motion = assembled(
-        trajectory, network, rows, path, track, mast, grid, way * longer, speed, acceleration,
+        trajectory, network, rows, path, track, mast, grid, way, speed, acceleration, curvature,
         load_lags=load_lags,
     )  # fmt: skip
     interval = grid.row + (grid.time > rows.t[grid.row])
@@ -195,7 +213,7 @@ def sample_grid(rows: Rows, height: Floats, lag: float) -> Grid:
 
 def assembled(
     trajectory: Trajectory, network: Network | None, rows: Rows, path: Path, track: Track | None, mast: Forks,
-    grid: Grid, way: Floats, speed: Floats, acceleration: Floats, *, load_lags: bool,
+    grid: Grid, way: Floats, speed: Floats, acceleration: Floats, curvature: Floats, *, load_lags: bool,
 ) -> Motion:  # fmt: skip
     """The motion of n samples, from the (n,) ways driven, speeds and what the log says then."""
     from fleetlog.physics.motion.kernels.way import on_edges
@@ -203,7 +221,6 @@ def assembled(
     t, row, moment = rows.t, grid.row, grid.moment
     edge, offset = path.on_map(way)
     half, off = np.maximum(0.5 * speed * grid.dt, STEERING), edge < 0
-    curvature = mean_curvature(way, half, path.bends.driven, path.bends.turned)
     heading, slope = np.zeros((2, len(way)))
     if network is not None and not off.all():
         shape = on_edges(edge, offset, way, way, network.points, network.first, network.distance)

@@ -19,6 +19,7 @@ SHORTEST_GAP = 10.0  # A silence of this and of five usual intervals ends a stre
 STANDING = 0.05  # Below this speed a truck stands [m/s]: the creep and the noise of a speed sensor at rest
 UNSURE_END = 1.5  # Of a standstill that only positions show, at either end left to the smoother [s]
 OFF_LANE = 2.0  # Farther than this from the middle of its road, and than its noise, a truck is beside it [m]
+CORNER = 15.0  # From road to road a truck is off their middles on less than this [m]
 CHANGES = 0.2  # A change of speed from row to row that shows whether it is a mean [m/s]
 LONG = 50.0  # A way over which an odometer and the map are compared [m]
 LOST = 2.0  # So much and four times their noise may positions be off the way by the speed from row to row [m]
@@ -87,8 +88,21 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
     edge = trajectory.labels("edge_id").recode({} if network is None else network.index)
     # In a bay beside its road the positions are the path.
     off = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(OFF_LANE, 4 * position_noise(x, y))
-    edge = np.where(np.isfinite(offset) & ~off, edge, -1).astype(np.int32)
-    return Rows(t, x, y, fresh, speed, breaks, edge, np.nan_to_num(offset))
+    edge = np.where(np.isfinite(offset), edge, -1).astype(np.int32)
+    if network is not None:
+        off &= ~_cut_corners(edge, off, x, y, breaks | (speed < STANDING), network.reverse)
+    return Rows(t, x, y, fresh, speed, breaks, np.where(off, -1, edge), np.nan_to_num(offset))
+
+
+def _cut_corners(edge: Index, off: Mask, x: Floats, y: Floats, other: Mask, reverse: Index) -> Mask:
+    """Return the (N,) rows ``off`` the middle of their road on which a truck goes from one road to another,
+    and does nothing ``other``: it cuts a corner, or takes it wide, and is on its way."""
+    begin, end = np.flatnonzero(np.diff(off, prepend=False, append=False)).reshape(-1, 2).T
+    a, b, busy = np.maximum(begin - 1, 0), np.minimum(end, len(off) - 1), np.append(0, np.cumsum(other))
+    cut = (edge[a] >= 0) & (edge[b] >= 0) & (edge[a] != edge[b]) & (reverse[edge[a]] != edge[b])
+    cut &= (busy[b + 1] == busy[begin]) & (np.hypot(x[b] - x[a], y[b] - y[a]) < CORNER)
+    ends = np.bincount(begin[cut], minlength=len(off)) - np.bincount(end[cut], minlength=len(off) + 1)[:-1]
+    return np.cumsum(ends) > 0
 
 
 def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Mask:

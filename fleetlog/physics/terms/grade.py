@@ -9,8 +9,10 @@ from fleetlog.physics.term import GRAVITY, Floats, Motion, Parameter, Term, Truc
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
     """F = m g sin(theta) [N], theta the map's slope along the motion plus what was found (``slope``: tan
     theta)."""
-    theta = distinct(motion.slope) + np.arctan(values.get("slope", 0.0))
-    return total_mass(motion, truck) * GRAVITY * np.sin(theta)
+    mapped, found = distinct(motion.slope), values.get("slope", 0.0)
+    # The sine of the sum of both angles
+    rise = (np.sin(mapped) + found * np.cos(mapped)) / np.sqrt(1.0 + np.square(found))
+    return np.asarray(total_mass(motion, truck) * GRAVITY * rise)
 
 
 TERM = Term(
