@@ -41,7 +41,8 @@ class Path:
     that belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at
     the node, neither for a purpose nor for another truck; ``kink`` (G,) curvature [1/m] that a truck would
     take which follows the line of the map; ``behind`` (W,) whether another truck was in the way in a window,
-    and ``apart`` (W,) whether it was, but whatever the truck stood for was not that."""
+    and ``apart`` (W,) whether it was, but whatever the truck stood for was not that: of a unit, where only
+    the standing counts."""
 
     motion: Motion
     s: Floats

@@ -1,18 +1,25 @@
 """The speed channel: the time that stretches of a path took, against the quickest drive allowed; and how that
 time changes with each number, field and free curve."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Mask
-from fleetlog.discovery.channels.base import About, Channel, Unit
+from fleetlog.discovery.channels.base import About, Channel, Columns, Unit
 from fleetlog.discovery.channels.paths import Laid, Lost, Path, laid_out, lost_time
 from fleetlog.discovery.hypotheses import sources
 from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
-from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
+from fleetlog.discovery.hypotheses.sources import (
+    UNIT,
+    ErrorSource,
+    FieldSource,
+    FreeCurve,
+    KnobSource,
+    Source,
+)
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
@@ -55,8 +62,16 @@ class TravelAbout(About):
 
     @cached_property
     def modelled(self) -> Floats:
-        """The modelled time, (W,) [s]."""
-        return self.own.summed(self.seconds + self.waits)
+        """The modelled time, (W,) [s]; of windows in which only the standing counts, that."""
+        return self.own.summed(np.where(self.own.apart[self.own.of], 0.0, self.seconds) + self.waits)
+
+    def columns(self, sources: Sequence[Source]) -> Columns:
+        """Return the columns of sources, (W, P): where only the standing counts, waits alone."""
+        out = super().columns(sources)
+        terms = [s.physics if isinstance(s, FieldSource) else None for s in sources]
+        waits = [t is not None and t.acts == "wait" for t in terms]
+        out[np.ix_(self.own.apart, ~np.repeat(waits, [self.channel.width(s) for s in sources]))] = 0.0
+        return out
 
     @property
     def seconds(self) -> Floats:
@@ -183,10 +198,11 @@ class TravelChannel(Channel):
         np.maximum.at(noise, path.of, np.where(waits, scatter[cell], 0.0))
         driven = turns.along(path.s, path.motion.edge, path.motion.curvature, path.inside)
         share = np.where(waits, path.share, 0.0)
-        path = replace(path, motion=path.motion.replaced(curvature=driven), share=share)
-        level = self.about(path, self.base).modelled
         apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
-        recorded = np.where(apart, level + path.summed(path.standing), recorded)
+        path = replace(path, motion=path.motion.replaced(curvature=driven), share=share, apart=apart)
+        nominal = self.about(path, self.base)
+        level = path.summed(nominal.seconds + nominal.waits)
+        recorded = np.where(apart, path.summed(path.standing), recorded)
         return Unit(windows, recorded, whole | apart, noise, level, np.ones(len(recorded)), path)
 
     def about(self, own: Path, model: Model) -> TravelAbout:
