@@ -111,19 +111,24 @@ def _held_heading(vx: Floats, vy: Floats, moves: Mask) -> Floats:
 
 def follow(network: Network | None, rows: Rows, track: Track | None, radius: float) -> Path:
     """The path of some rows; the matching smoothed the offsets: what positions say beyond is added back."""
-    from fleetlog.physics.motion.kernels.way import on_edges, path_coordinate
+    from fleetlog.physics.motion.kernels.way import NEAR_REACH, on_edges, path_coordinate
 
     edge, offset, x, y = rows.edge, rows.offset, rows.x, rows.y
     off, link = edge < 0, rows.link.copy()
     step = np.zeros(len(x)) if track is None else np.diff(track.way, prepend=track.way[:1])
     visits, bends, place, ahead = OFF_MAP, STRAIGHT, np.cumsum(step), np.zeros(len(x))
     if network is not None:
-        visits = Visits(*path_coordinate(
+        left = (np.diff(edge) != 0) | (np.abs(np.diff(offset)) > BACK)
+        most, between = 1 + (1 + NEAR_REACH) * int(left.sum()), np.empty(NEAR_REACH, np.int32)
+        room = Visits(np.empty(most, np.int32), np.empty(most), np.zeros(most), np.zeros(most, np.bool_))
+        count = path_coordinate(
             edge, offset, x, y, step, network.next_first, network.next_edges, network.length,
-            network.reverse, BACK, link, place,
-        ))  # fmt: skip
+            network.reverse, BACK, link, place, between, *room,
+        )  # fmt: skip
+        visits = Visits._make(v[:count] for v in room)
         bends = _rounded(network, visits, np.sort(place[rows.rest & ~off]), radius)
-        ahead = on_edges(edge, offset, x, y, network.points, network.first, network.distance)[2]
+        _, _, ahead = shape = np.zeros((3, len(x)))
+        on_edges(edge, offset, x, y, network.points, network.first, network.distance, shape)
         ahead[np.abs(ahead) > MOST_ALONG] = 0.0
     ahead = np.where(off, np.nan if track is None else track.ahead, ahead)
     return Path(_along(place, bends.knots, bends.driven) + ahead, link, visits, bends)

@@ -76,8 +76,8 @@ class Reconstruction:
         by_change = self._secant(power, "acceleration", self.acceleration_sd)
         by_acceleration[self.node] = by_change * self.motion.dt
         near = window[np.minimum(np.searchsorted(self.node, np.arange(nodes)), len(self.node) - 1)]
-        cov, gain = self.states.cov, self.states.gain
-        moved = energy_variance(cov, gain, by_speed, by_acceleration, near, count)
+        moved = np.zeros(count)
+        energy_variance(self.states.cov, self.states.gain, by_speed, by_acceleration, near, moved)
         return np.asarray(moved + self._lift_variance(power, window, count))
 
     def _lift_variance(self, power: Callable[[Motion], Floats], window: Numbers, count: int) -> Floats:
@@ -204,10 +204,9 @@ def assembled(
     edge, offset = path.on_map(way)
     half, off = np.maximum(0.5 * speed * grid.dt, STEERING), edge < 0
     curvature = mean_curvature(way, half, path.bends.driven, path.bends.turned)
-    heading, slope = np.zeros((2, len(way)))
+    heading, slope, _ = shape = np.zeros((3, len(way)))
     if network is not None and not off.all():
-        shape = on_edges(edge, offset, way, way, network.points, network.first, network.distance)
-        heading, slope = shape[:2]
+        on_edges(edge, offset, way, way, network.points, network.first, network.distance, shape)
     if track is not None:
         heading = np.where(off, np.interp(moment, t, track.heading), heading)
         place, growing = np.interp(moment, t, track.way), track.way + 1e-6 * np.arange(len(t))
