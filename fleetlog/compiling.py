@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from numba import njit
+from numba import njit, types
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -24,6 +24,10 @@ def kernel(**options: Any) -> Callable[[F], F]:
             made = njit(cache=True, **options)(function)
         except RuntimeError:  # numba found no folder that it can write
             made = njit(**options)(function)
+        # A loop's counter begins as the literal 0: without this a kernel would be compiled for that, too.
+        made.get_call_template = lambda args, kws: type(made).get_call_template(
+            made, tuple(map(types.unliteral, args)), kws
+        )
         kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
         if kept is not None:  # it is not kept, or numba was told not to compile
             kept._version = f"{kept._version} {stamp(Path(__file__).parent)}"
@@ -40,13 +44,19 @@ def stamp(root: Path) -> str:
     return hashlib.sha256("\n".join(seen).encode()).hexdigest()[:16]
 
 
-# The kernels of the matcher and of simulated traffic allocate nothing: whoever calls them brings the arrays.
-# So neither numba's support for arrays that kernels make themselves nor counts of references are compiled,
-# which would take as long again; and ``inner`` kernels, which other kernels alone call, have no entrance from
-# Python, which would unpack all those arrays.
+# The kernels of the matcher, of motion and of simulated traffic allocate nothing: whoever calls them brings
+# the arrays.  So neither numba's support for arrays that kernels make themselves nor counts of references are
+# compiled, which would take as long again; and ``inner`` kernels, which other kernels alone call, have no
+# entrance from Python, which would unpack all those arrays.  Nor is a whole row assigned at once: what numba
+# compiles to say that its length is wrong takes longer than a filter.
 _OPTIONS: dict[str, Any] = {"_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 outer = kernel(**_OPTIONS)
 inner = kernel(**_OPTIONS, no_cpython_wrapper=True)
 fast_outer = kernel(**_OPTIONS, fastmath=True)
-fast_inner = kernel(**_OPTIONS, fastmath=True, no_cpython_wrapper=True)
+# Written into their callers: as kernels of their own they gave the matcher's sums, which may be taken in any
+# order, other last digits in the process that compiled them than in those that load the callers from disk.
+fast_inner = kernel(**_OPTIONS, fastmath=True, inline="always")
+# Sums in any order, but what is not a number stays so.
+sum_outer = kernel(**_OPTIONS, fastmath={"contract", "reassoc", "nsz"})
+sum_inner = kernel(**_OPTIONS, fastmath={"contract", "reassoc", "nsz"}, no_cpython_wrapper=True)

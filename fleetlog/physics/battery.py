@@ -90,10 +90,12 @@ def discharge(
     from fleetlog.physics.kernels import follow
 
     below = 0.0 if np.isnan(temperature) else REFERENCE_TEMPERATURE - temperature
-    return Discharge(*follow(
+    values, marks = np.empty((3, len(power))), np.zeros((2, len(power)), np.bool_)
+    follow(
         np.ascontiguousarray(power, dtype=np.float64), np.ascontiguousarray(dt, dtype=np.float64), float(soc),
         np.array(battery.soc), np.array(battery.voltage),
         battery.resistance * max(1.0 + battery.resistance_per_kelvin * below, 0.25),
         battery.capacity_ah * max(1.0 - battery.capacity_per_kelvin * below, COLDEST),
-        battery.peukert, battery.capacity_ah / battery.rated_hours,
-    ))  # fmt: skip
+        battery.peukert, battery.capacity_ah / battery.rated_hours, values, marks,
+    )  # fmt: skip
+    return Discharge(*values, *marks)

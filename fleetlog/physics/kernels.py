@@ -2,25 +2,22 @@
 
 import numpy as np
 
-from fleetlog.compiling import kernel
+from fleetlog.compiling import kernel, outer
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.physics.term import GRAVITY
 
 AT_REST = 0.02  # A speed at a node under this means a stop [m/s]
 
 
-@kernel()
+@outer
 def follow(
     power: Floats, dt: Floats, soc: float, knots: Floats, volts: Floats, resistance: float,
-    capacity_ah: float, peukert: float, rated_current: float,
-) -> tuple[Floats, Floats, Floats, Mask, Mask]:  # fmt: skip
-    """Charge, voltage, current, collapse and emptiness after each of (N,) samples;
-    see :mod:`fleetlog.physics.battery`."""
-    n = len(power)
-    charge, voltage, current = np.empty(n), np.empty(n), np.empty(n)
-    collapsed, empty = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    capacity_ah: float, peukert: float, rated_current: float, out: Floats, marks: Mask,
+) -> None:  # fmt: skip
+    """Charge, voltage and current after each of (N,) samples into ``out`` (3, N), collapse and emptiness into
+    ``marks`` (2, N); see :mod:`fleetlog.physics.battery`."""
     k = 0
-    for i in range(n):
+    for i in range(len(power)):
         # Charge moves little from sample to sample: the knots are found by walking, not by searching.
         while k < len(knots) - 2 and soc > knots[k + 1]:
             k += 1
@@ -29,7 +26,7 @@ def follow(
         e = volts[k] + (soc - knots[k]) / (knots[k + 1] - knots[k]) * (volts[k + 1] - volts[k])
         radicand = e * e - 4.0 * resistance * power[i]
         if radicand < 0.0:
-            collapsed[i] = True
+            marks[0, i] = True
             amps = e / (2.0 * resistance)
         else:
             amps = 2.0 * power[i] / (e + np.sqrt(radicand))
@@ -38,11 +35,10 @@ def follow(
             drawn = amps * (amps / rated_current) ** (peukert - 1.0)
         soc -= drawn * dt[i] / (3600.0 * capacity_ah)
         if soc <= 0.0:
-            empty[i] = drawn > 0.0
+            marks[1, i] = drawn > 0.0
             soc = 0.0
         soc = min(soc, 1.0)
-        charge[i], current[i], voltage[i] = soc, amps, e - resistance * amps
-    return charge, voltage, current, collapsed, empty
+        out[0, i], out[1, i], out[2, i] = soc, e - resistance * amps, amps
 
 
 @kernel()

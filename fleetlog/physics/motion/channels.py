@@ -46,7 +46,8 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
         return Forks(np.zeros(1), np.zeros(1), np.zeros(max(len(t) - 1, 0)))
     if not known.all():
         height = np.interp(t, t[known], height[known])
-    height = dead_band(height, _jitter(height))
+    height = height.copy()
+    dead_band(height, _jitter(height))
     doubt, moved = np.zeros(len(t) - 1), np.flatnonzero(np.diff(height))
     step, rise = np.diff(t)[moved], np.diff(height)[moved]
     usual = np.where(rise > 0.0, _usual(rise / step), _usual(-rise / step))

@@ -63,6 +63,22 @@ class Path(NamedTuple):
         k = np.maximum(np.searchsorted(v.origin, place, side="right") - 1, 0)
         return v.edge[k], np.clip(place - v.origin[k], 0.0, np.where(v.edge[k] >= 0, v.length[k], np.inf))
 
+    def curvature(self, way: Floats, step: Floats, half: Floats, leaps: Ints, radius: float) -> Floats:
+        """(n,) mean curvature [1/m] from ``half`` m before to ``half`` m after the middles of samples, each
+        ``step`` long. The ``way`` driven leaps before the samples ``leaps``, where a truck cuts a corner or
+        takes it wide: it turned there as well, about as sharply as its ``radius`` [m] allows."""
+        driven, total = self.bends.driven, self.bends.turned
+        if len(leaps):
+            low, high = (np.interp(way + side * step, driven, total) for side in (-0.5, 0.5))
+            ends, turned = (np.append(0.0, np.cumsum(v)) for v in (step, high - low))
+            angle, place = low[leaps] - high[leaps - 1], ends[leaps]
+            reach = np.maximum(0.5 * radius * np.abs(angle), 0.1)
+            driven, way = np.sort(np.concatenate([ends, place - reach, place + reach])), ends[1:] - 0.5 * step
+            total = np.interp(driven, ends, turned)
+            for at, size, far in zip(place, angle, reach, strict=True):
+                total += size * np.clip(0.5 + 0.5 * (driven - at) / far, 0.0, 1.0)
+        return mean_curvature(way, half, driven, total)
+
 
 OFF_MAP = Visits(np.full(1, -1, np.int32), np.zeros(1), np.zeros(1), np.zeros(1, bool))
 STRAIGHT = Bends(np.zeros(1), np.zeros(1), np.zeros(1))
@@ -78,22 +94,6 @@ def mean_curvature(way: Floats, half: Floats, driven: Floats, turned: Floats) ->
     """Mean over a way from ``half`` m before to ``half`` m after its places [1/m], left positive."""
     low, high = (np.interp(way + side * half, driven, turned) for side in (-1.0, 1.0))
     return np.asarray((high - low) / (2.0 * half))
-
-
-def by_odometer(bends: Bends, way: Floats, step: Floats, leaps: Ints, radius: float) -> Bends:
-    """What was turned by the (n,) ``way`` of samples, each ``step`` long, by the metres that they drove. The
-    way leaps before the samples ``leaps`` where a truck cuts a corner, or takes it wide: it turned there
-    as well, about as sharply as its ``radius`` [m] allows."""
-    ends = np.append(0.0, np.cumsum(step))
-    low, high = (np.interp(way + side * step, bends.driven, bends.turned) for side in (-0.5, 0.5))
-    turned = np.append(0.0, np.cumsum(high - low))
-    angle = low[leaps] - high[leaps - 1]
-    reach = np.maximum(0.5 * radius * np.abs(angle), 0.1)
-    knots = np.sort(np.concatenate([ends, ends[leaps] - reach, ends[leaps] + reach]))
-    total = np.interp(knots, ends, turned)
-    for at, size, far in zip(ends[leaps], angle, reach, strict=True):
-        total += size * np.clip(0.5 + 0.5 * (knots - at) / far, 0.0, 1.0)
-    return Bends(knots, total, knots)
 
 
 def track_of(rows: Rows) -> Track:
@@ -127,19 +127,24 @@ def _held_heading(vx: Floats, vy: Floats, moves: Mask) -> Floats:
 
 def follow(network: Network | None, rows: Rows, track: Track | None, radius: float) -> Path:
     """The path of some rows; the matching smoothed the offsets: what positions say beyond is added back."""
-    from fleetlog.physics.motion.kernels.way import on_edges, path_coordinate
+    from fleetlog.physics.motion.kernels.way import NEAR_REACH, on_edges, path_coordinate
 
     edge, offset, x, y = rows.edge, rows.offset, rows.x, rows.y
     off, link = edge < 0, rows.link.copy()
     step = np.zeros(len(x)) if track is None else np.diff(track.way, prepend=track.way[:1])
     visits, bends, place, ahead = OFF_MAP, STRAIGHT, np.cumsum(step), np.zeros(len(x))
     if network is not None:
-        visits = Visits(*path_coordinate(
+        left = (np.diff(edge) != 0) | (np.abs(np.diff(offset)) > BACK)
+        most, between = 1 + (1 + NEAR_REACH) * int(left.sum()), np.empty(NEAR_REACH, np.int32)
+        room = Visits(np.empty(most, np.int32), np.empty(most), np.zeros(most), np.zeros(most, np.bool_))
+        count = path_coordinate(
             edge, offset, x, y, step, network.next_first, network.next_edges, network.length,
-            network.reverse, BACK, link, place,
-        ))  # fmt: skip
+            network.reverse, BACK, link, place, between, *room,
+        )  # fmt: skip
+        visits = Visits._make(v[:count] for v in room)
         bends = _rounded(network, visits, np.sort(place[rows.rest & ~off]), radius)
-        ahead = on_edges(edge, offset, x, y, network.points, network.first, network.distance)[2]
+        _, _, ahead = shape = np.zeros((3, len(x)))
+        on_edges(edge, offset, x, y, network.points, network.first, network.distance, shape)
         ahead[np.abs(ahead) > MOST_ALONG] = 0.0
     ahead = np.where(off, np.nan if track is None else track.ahead, ahead)
     return Path(_along(place, bends.knots, bends.driven) + ahead, link, visits, bends)

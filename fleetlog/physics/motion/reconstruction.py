@@ -20,16 +20,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.channels import Forks, forks, measured_power, payload, slope_from_height
 from fleetlog.physics.motion.noise import Noise, Observed, Smoothed, estimate_noise, jerk_strength, smooth
-from fleetlog.physics.motion.path import (
-    RADIUS,
-    Path,
-    Track,
-    by_odometer,
-    by_second,
-    follow,
-    mean_curvature,
-    track_of,
-)
+from fleetlog.physics.motion.path import RADIUS, Path, Track, by_second, follow, mean_curvature, track_of
 from fleetlog.physics.motion.rows import STANDING, Rows, against_odometer, read_rows, speed_is_mean
 
 Numbers = Index | Ints
@@ -85,8 +76,8 @@ class Reconstruction:
         by_change = self._secant(power, "acceleration", self.acceleration_sd)
         by_acceleration[self.node] = by_change * self.motion.dt
         near = window[np.minimum(np.searchsorted(self.node, np.arange(nodes)), len(self.node) - 1)]
-        cov, gain = self.states.cov, self.states.gain
-        moved = energy_variance(cov, gain, by_speed, by_acceleration, near, count)
+        moved = np.zeros(count)
+        energy_variance(self.states.cov, self.states.gain, by_speed, by_acceleration, near, moved)
         return np.asarray(moved + self._lift_variance(power, window, count))
 
     def _lift_variance(self, power: Callable[[Motion], Floats], window: Numbers, count: int) -> Floats:
@@ -154,13 +145,10 @@ def reconstruct(
     way, speed, acceleration = states.mean[node].T
     speed = np.where(standing, 0.0, speed)
     acceleration = np.where(standing, 0.0, acceleration + _spread(acceleration_sd))
-    way = way * longer
-    place, bends = way, path.bends
-    if len(leaps):
-        step, after = speed * grid.dt, np.searchsorted(grid.moment, rows.t[leaps])
-        bends = by_odometer(bends, way, step, after[(after > 0) & (after < len(way))], radius)
-        place = np.cumsum(step) - 0.5 * step
-    curvature = mean_curvature(place, np.maximum(0.5 * speed * grid.dt, STEERING), bends.driven, bends.turned)
+    way, step = way * longer, speed * grid.dt
+    after = np.searchsorted(grid.moment, rows.t[leaps])
+    after = after[(after > 0) & (after < len(way))]
+    curvature = path.curvature(way, step, np.maximum(0.5 * step, STEERING), after, radius)
     motion = assembled(
         trajectory, network, rows, path, track, mast, grid, way, speed, acceleration, curvature,
         load_lags=load_lags,
@@ -221,10 +209,9 @@ def assembled(
     t, row, moment = rows.t, grid.row, grid.moment
     edge, offset = path.on_map(way)
     half, off = np.maximum(0.5 * speed * grid.dt, STEERING), edge < 0
-    heading, slope = np.zeros((2, len(way)))
+    heading, slope, _ = shape = np.zeros((3, len(way)))
     if network is not None and not off.all():
-        shape = on_edges(edge, offset, way, way, network.points, network.first, network.distance)
-        heading, slope = shape[:2]
+        on_edges(edge, offset, way, way, network.points, network.first, network.distance, shape)
     if track is not None:
         heading = np.where(off, np.interp(moment, t, track.heading), heading)
         place, growing = np.interp(moment, t, track.way), track.way + 1e-6 * np.arange(len(t))

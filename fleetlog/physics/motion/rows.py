@@ -56,7 +56,8 @@ class Rows:
         equal = (np.diff(self.edge) == 0) & (np.diff(self.offset) == 0.0) & ~self.breaks[1:]
         same = np.append(equal, False) | np.append(False, equal)
         noise = position_noise(self.x, self.y)
-        by_place = stays(self.t, self.x, self.y, self.link, 3.0 * noise + 0.1, max(5.0, 12.0 * noise))
+        by_place, longest = np.zeros(len(self.t), np.bool_), max(5.0, 12.0 * noise)
+        stays(self.t, self.x, self.y, self.link, 3.0 * noise + 0.1, longest, by_place)
         return np.where(known, rest, _inner(self.t, np.where(self.edge >= 0, same, by_place)))
 
 
@@ -72,7 +73,8 @@ def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajec
 def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> Rows:
     """The rows of a log of one vehicle; ``scale`` is what its speed channel reads over the truth."""
     t, speed = trajectory.seconds(), trajectory.floats("speed") / scale
-    x, y, offset = (trajectory.floats(name) for name in ("x", "y", "edge_offset"))
+    # Copies: what Parquet lends may not be written, and kernels would be compiled once for either.
+    x, y, offset = (trajectory.floats(name).copy() for name in ("x", "y", "edge_offset"))
     if not np.isfinite(x).any() and not np.isfinite(speed).any():
         what = f"vehicle {trajectory.vehicle_id} has neither positions nor speeds"
         raise DataError(what, do="map one of them in a profile")

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.compiling import kernel
+from fleetlog.compiling import inner, outer, sum_inner, sum_outer
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.physics.motion.rows import Codes
 
@@ -26,7 +26,7 @@ NEW_COORDINATE_VAR = 1e4
 REST_SPEED_VAR, REST_ACCEL_VAR = 4e-4, 2.5e-3
 
 
-@kernel()
+@inner
 def transition(h: float, q: float, decay: float) -> tuple[State, Covariance]:
     """How acceleration acts on way, speed and itself over a step ``h``, and what covariance is added.
 
@@ -48,7 +48,7 @@ def transition(h: float, q: float, decay: float) -> tuple[State, Covariance]:
     )  # fmt: skip
 
 
-@kernel()
+@inner
 def corrected(x: State, p: Covariance, row: State, r: float, c: float) -> tuple[State, Covariance]:
     """State and covariance after an innovation ``r`` of variance ``c`` in the state whose row is given."""
     s, v, a = row
@@ -58,7 +58,7 @@ def corrected(x: State, p: Covariance, row: State, r: float, c: float) -> tuple[
     )  # fmt: skip
 
 
-@kernel()
+@outer
 def filter_forward(
     t: Floats, seen: Floats, seen_var: float, speed: Floats, speed_var: float, rest: Mask, link: Codes,
     jerk: Floats, decay: float, mean: Floats, cov: Floats,
@@ -104,18 +104,19 @@ def filter_forward(
                 total -= 0.5 * (math.log(c) + r * r / c)
             x, p = corrected(x, p, (p[1], p[3], p[4]), r, c)
         if keep:
-            mean[i], cov[i] = x, p
+            mean[i, 0], mean[i, 1], mean[i, 2] = x
+            cov[i, 0], cov[i, 1], cov[i, 2], cov[i, 3], cov[i, 4], cov[i, 5] = p
     return total
 
 
-@kernel(fastmath={"contract", "reassoc", "nsz"})
+@sum_inner
 def times(row: State, m: Covariance) -> State:
     """A row by a symmetric matrix."""
     a, b, c = row
     return a * m[0] + b * m[1] + c * m[2], a * m[1] + b * m[3] + c * m[4], a * m[2] + b * m[4] + c * m[5]
 
 
-@kernel(fastmath={"contract", "reassoc", "nsz"})
+@sum_outer
 def smooth_backward(
     t: Floats, link: Codes, jerk: Floats, decay: float, mean: Floats, cov: Floats, gain: Singles
 ) -> None:
@@ -124,7 +125,8 @@ def smooth_backward(
     last = lastq = -1.0
     for i in range(len(t) - 2, -1, -1):
         if link[i + 1] == BREAK:
-            gain[i] = 0.0
+            for j in range(9):
+                gain[i, j] = 0.0
             continue
         h, q = t[i + 1] - t[i], jerk[i + 1]
         if h != last or q != lastq:
@@ -158,7 +160,9 @@ def smooth_backward(
         mean[i, 0] += g00 * r0 + g01 * r1 + g02 * r2
         mean[i, 1] += g10 * r0 + g11 * r1 + g12 * r2
         mean[i, 2] += g20 * r0 + g21 * r1 + g22 * r2
-        gain[i] = (g00, g01, g02, g10, g11, g12, g20, g21, g22)
+        gain[i, 0], gain[i, 1], gain[i, 2] = g00, g01, g02
+        gain[i, 3], gain[i, 4], gain[i, 5] = g10, g11, g12
+        gain[i, 6], gain[i, 7], gain[i, 8] = g20, g21, g22
         n = cov[i + 1]
         change = (n[0] - p00, n[1] - p01, n[2] - p02, n[3] - p11, n[4] - p12, n[5] - p22)
         e00, e01, e02 = times((g00, g01, g02), change)
@@ -172,7 +176,7 @@ def smooth_backward(
         cov[i, 5] = aa + e20 * g20 + e21 * g21 + e22 * g22
 
 
-@kernel()
+@outer
 def jerk_scales(
     t: Floats, link: Codes, rest: Mask, q: float, decay: float, mean: Floats, cov: Floats, gain: Singles,
     jerk: Floats,
@@ -188,7 +192,8 @@ def jerk_scales(
     for i in range(1, len(t) + 1):
         if i == len(t) or link[i] == BREAK or t[i] - t[first - 1] > BLOCK + 1e-6:
             w = (FREEDOM + inside) / (FREEDOM + squares / q)
-            jerk[first:i] = q / w
+            for j in range(first, i):
+                jerk[j] = q / w
             total += w * squares
             steps += inside
             inside, squares, first = 0, 0.0, i
@@ -203,31 +208,29 @@ def jerk_scales(
     return total / steps if steps else q
 
 
-@kernel()
+@outer
 def energy_variance(
-    cov: Floats, gain: Singles, by_speed: Floats, by_acceleration: Floats, window: Ints | Index, count: int
-) -> Floats:
-    """(count,) variance of the sum over each window of ``by_speed`` v + ``by_acceleration`` a, (N,) each.
+    cov: Floats, gain: Singles, by_speed: Floats, by_acceleration: Floats, window: Ints | Index, out: Floats,
+) -> None:  # fmt: skip
+    """Variance of the sum over each window of ``by_speed`` v + ``by_acceleration`` a, (N,) each.
 
     Exact: backwards, with c = cov(x_i, sum of the window from i on), which the gains carry on."""
-    out = np.zeros(count)
-    c = np.zeros(3)
-    inside, total = -1, 0.0
+    c0 = c1 = c2 = total = 0.0
+    inside = -1
     for i in range(len(window) - 1, -1, -1):
         p, g = cov[i], gain[i]
         if window[i] != inside:
             if inside >= 0:
                 out[inside] = total
-            inside, total = window[i], 0.0
-            c[:] = 0.0
-        n0 = g[0] * c[0] + g[1] * c[1] + g[2] * c[2]
-        n1 = g[3] * c[0] + g[4] * c[1] + g[5] * c[2]
-        n2 = g[6] * c[0] + g[7] * c[1] + g[8] * c[2]
+            inside = window[i]
+            c0 = c1 = c2 = total = 0.0
+        n0 = g[0] * c0 + g[1] * c1 + g[2] * c2
+        n1 = g[3] * c0 + g[4] * c1 + g[5] * c2
+        n2 = g[6] * c0 + g[7] * c1 + g[8] * c2
         bv, ba = by_speed[i], by_acceleration[i]
         total += 2.0 * (bv * n1 + ba * n2) + bv * bv * p[3] + 2.0 * bv * ba * p[4] + ba * ba * p[5]
-        c[0] = n0 + p[1] * bv + p[2] * ba
-        c[1] = n1 + p[3] * bv + p[4] * ba
-        c[2] = n2 + p[4] * bv + p[5] * ba
+        c0 = n0 + p[1] * bv + p[2] * ba
+        c1 = n1 + p[3] * bv + p[4] * ba
+        c2 = n2 + p[4] * bv + p[5] * ba
     if inside >= 0:
         out[inside] = total
-    return out

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from fleetlog.compiling import kernel
+from fleetlog.compiling import inner, outer
 from fleetlog.core.arrays import Floats, Index, Mask
 from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON
 from fleetlog.physics.motion.rows import Codes
@@ -13,7 +13,7 @@ MOST_EXTRA = 8.0  # By which a way may exceed twice the distance of the position
 NEAR_REACH = 3  # Edges between two rows at most; farther apart the coordinate starts anew
 
 
-@kernel()
+@inner
 def way_between(a: int, b: int, next_first: Index, next_edges: Index, length: Floats, between: Index) -> int:
     """How many edges lie on the shortest way from the end of edge a to the start of b, fewer than
     ``NEAR_REACH``, -1 where there is no such way; they are written into ``between``."""
@@ -35,29 +35,23 @@ def way_between(a: int, b: int, next_first: Index, next_edges: Index, length: Fl
     return count
 
 
-@kernel()
+@outer
 def path_coordinate(
     edge: Index, offset: Floats, x: Floats, y: Floats, step: Floats, next_first: Index, next_edges: Index,
-    length: Floats, reverse: Index, back: float, link: Codes, place: Floats,
-) -> tuple[Index, Floats, Floats, Mask]:  # fmt: skip
-    """Map coordinate of every row into ``place``, and the visits of edges.
+    length: Floats, reverse: Index, back: float, link: Codes, place: Floats, between: Index, v_edge: Index,
+    v_origin: Floats, v_length: Floats, v_joined: Mask,
+) -> int:  # fmt: skip
+    """Map coordinate of every row into ``place``; how many visits of edges there are.
 
     Of each visit the edge, the coordinate of its start, its length, and whether it joins the last.  Off the
     map (edge -1) the coordinate grows by ``step``.  Where no short way joins two rows (a way much longer
     than the positions are apart is not the one that was driven), ``link`` is marked ``JUMP`` and the
-    coordinate goes on behind all before."""
-    n = len(edge)
-    most = 1
-    for i in range(1, n):
-        most += 1 + NEAR_REACH if edge[i] != edge[i - 1] or abs(offset[i] - offset[i - 1]) > back else 0
-    v_edge, v_origin, v_joined = np.empty(most, np.int32), np.empty(most), np.zeros(most, np.bool_)
-    v_length = np.zeros(most)
-    between = np.empty(NEAR_REACH, np.int32)
+    coordinate goes on behind all before.  ``between`` (NEAR_REACH,) is for the search."""
     v_edge[0], v_origin[0] = edge[0], 0.0
     v_length[0] = length[edge[0]] if edge[0] >= 0 else 0.0
     place[0] = offset[0] if edge[0] >= 0 else 0.0
     k = 0
-    for i in range(1, n):
+    for i in range(1, len(edge)):
         a, b = edge[i - 1], edge[i]
         if a < 0 and b < 0:
             place[i] = place[i - 1] + step[i]
@@ -84,15 +78,15 @@ def path_coordinate(
         place[i] = v_origin[k] + (offset[i] if b >= 0 else 0.0)
         if m < 0 and link[i] == ON:
             link[i] = JUMP
-    k += 1
-    return v_edge[:k], v_origin[:k], v_length[:k], v_joined[:k]
+    return k + 1
 
 
-@kernel()
-def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_duration: float) -> Mask:
-    """Rows of a standstill: runs within ``radius`` of their running mean for ``min_duration``."""
+@outer
+def stays(
+    t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_duration: float, out: Mask
+) -> None:
+    """Mark rows of a standstill: runs within ``radius`` of their running mean for ``min_duration``."""
     n = len(t)
-    out = np.zeros(n, np.bool_)
     i = 0
     while i < n:
         sx, sy, m = x[i], y[i], 1
@@ -105,20 +99,20 @@ def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_durat
         if j - i > 2 and t[j - 1] - t[i] >= min_duration:
             # the ends of the run may still move: they are within the radius too
             margin = max((j - i) // 20, 1)
-            out[i + margin : j - margin] = True
+            for k in range(i + margin, j - margin):
+                out[k] = True
             i = j
         else:
             i += max((j - i) // 8, 1)
-    return out
 
 
-@kernel()
+@outer
 def on_edges(
-    edge: Index, offset: Floats, x: Floats, y: Floats, points: Floats, first: Index, distance: Floats
-) -> Floats:
-    """(3, N) heading and slope of the edge [rad] at N places on it, how far (x, y) lie ahead of them [m];
-    0 off the map (edge -1)."""
-    out = np.zeros((3, len(edge)))
+    edge: Index, offset: Floats, x: Floats, y: Floats, points: Floats, first: Index, distance: Floats,
+    out: Floats,
+) -> None:  # fmt: skip
+    """Heading and slope of the edge [rad] at N places on it, how far (x, y) lie ahead of them [m], into
+    ``out`` (3, N); nothing where off the map (edge -1)."""
     last, k = -1, 0
     for i in range(len(edge)):
         e = edge[i]
@@ -138,13 +132,10 @@ def on_edges(
         if flat > 0.0:
             off_x, off_y = x[i] - points[k, 0] - share * dx, y[i] - points[k, 1] - share * dy
             out[2, i] = (off_x * dx + off_y * dy) / flat
-    return out
 
 
-@kernel()
-def dead_band(value: Floats, band: float) -> Floats:
-    """``value`` without its jitter: followed only where it leaves a band of half-width ``band``."""
-    out = value.copy()
+@outer
+def dead_band(value: Floats, band: float) -> None:
+    """Take the jitter out of ``value``: followed only where it leaves a band of half-width ``band``."""
     for i in range(1, len(value)):
-        out[i] = min(max(out[i - 1], value[i] - band), value[i] + band)
-    return out
+        value[i] = min(max(value[i - 1], value[i] - band), value[i] + band)
