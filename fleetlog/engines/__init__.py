@@ -143,8 +143,8 @@ class Cluster(Engine):
         futures: list[Any] = []
         try:
             for turn, job in enumerate(jobs):
-                for later in jobs[turn + len(futures) : turn + AHEAD * self.workers]:
-                    futures.append(self.client.submit(attempt, work, later, name, pure=False))
+                more = jobs[turn + len(futures) : turn + AHEAD * self.workers]
+                futures += [self.client.submit(attempt, work, later, name, pure=False) for later in more]
                 yield self._outcome(futures[0], name(job))
                 del futures[0]
         finally:

@@ -67,8 +67,7 @@ class TravelAbout(About):
 
     def columns(self, sources: Sequence[Source]) -> Columns:
         """Return the columns of sources, (W, P): where only the standing counts, waits alone."""
-        out = super().columns(sources)
-        terms = [s.physics if isinstance(s, FieldSource) else None for s in sources]
+        out, terms = super().columns(sources), [getattr(s, "physics", None) for s in sources]
         waits = [t is not None and t.acts == "wait" for t in terms]
         out[np.ix_(self.own.apart, ~np.repeat(waits, [self.channel.width(s) for s in sources]))] = 0.0
         return out

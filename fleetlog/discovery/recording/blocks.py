@@ -250,7 +250,6 @@ def narrow(motion: Motion) -> Motion:
 
 def _light(values: NDArray[Any]) -> NDArray[Any]:
     few, repeated = values[:: len(values) // 8 + 1], np.broadcast_to(values[:1], values.shape)
-    # Most of what varies does so among a few.
     if all(np.array_equal(v, repeated[: len(v)], equal_nan=True) for v in (few, values)):
         return repeated
     return values.astype(np.float32 if values.dtype.kind == "f" else np.int32)

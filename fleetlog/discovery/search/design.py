@@ -62,11 +62,8 @@ class Design:
         """Return what the share that it is scaled by costs: the log of the prior's width, by each number
         that the data tell."""
         which = np.array([a.of_truck_file for a in self.atoms])
-        if not which.any():
-            return 0.0
-        precision = self.prior.precision
         spread = np.diag(np.linalg.inv(stiff(normal.gram.sum(axis=0), self.prior)))
-        known = np.clip(1.0 - precision * spread, 0.0, 1.0)
+        known = np.clip(1.0 - self.prior.precision * spread, 0.0, 1.0)
         return float(known[which].sum() * np.log(share))
 
     def normal(self, sums: Sums, slow: bool = False) -> Normal:

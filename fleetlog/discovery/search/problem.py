@@ -115,9 +115,8 @@ class Problem:
     def learned_anew(self, model: Model, hypotheses: Sequence[Hypothesis]) -> bool:
         """Whether about a model there is far less noise: what bends about the last one passed for it."""
         new, now = self._learned(model, [*self.rest, *hypotheses]), self.noise
-        less = bool(np.median(new.variance) < LESS * np.median(now.variance))
-        self.noise = new if less else now
-        return less
+        self.noise = new if np.median(new.variance) < LESS * np.median(now.variance) else now
+        return self.noise is new
 
     def _learned(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Noise:
         tables = self._tables(model, self.layout(hypotheses))

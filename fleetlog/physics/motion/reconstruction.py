@@ -146,9 +146,8 @@ def reconstruct(
     speed = np.where(standing, 0.0, speed)
     acceleration = np.where(standing, 0.0, acceleration + _spread(acceleration_sd))
     way, step = way * longer, speed * grid.dt
-    after = np.searchsorted(grid.moment, rows.t[leaps])
-    after = after[(after > 0) & (after < len(way))]
-    curvature = path.curvature(way, step, np.maximum(0.5 * step, STEERING), after, radius)
+    after = np.searchsorted(grid.moment[:-1], rows.t[leaps])
+    curvature = path.curvature(way, step, np.maximum(0.5 * step, STEERING), after[after > 0], radius)
     motion = assembled(
         trajectory, network, rows, path, track, mast, grid, way, speed, acceleration, curvature,
         load_lags=load_lags,

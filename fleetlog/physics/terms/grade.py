@@ -10,9 +10,8 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
     """F = m g sin(theta) [N], theta the map's slope along the motion plus what was found (``slope``: tan
     theta)."""
     mapped, found = distinct(motion.slope), values.get("slope", 0.0)
-    # The sine of the sum of both angles
-    rise = (np.sin(mapped) + found * np.cos(mapped)) / np.sqrt(1.0 + np.square(found))
-    return np.asarray(total_mass(motion, truck) * GRAVITY * rise)
+    sine = (np.sin(mapped) + found * np.cos(mapped)) / np.sqrt(1.0 + np.square(found))  # Of both angles
+    return np.asarray(total_mass(motion, truck) * GRAVITY * sine)
 
 
 TERM = Term(
