@@ -146,7 +146,7 @@ def _values(problem: Problem, joint: Joint, known: Floats, h: Hypothesis) -> Val
     basis = np.column_stack([p.weights for p in h.patterns]) if h.patterns else cells.root
     inner = known[np.ix_(own, own)]
     passes = problem.channel.passes(h.physics)
-    return Values(joint.model.fields[h.term], passes, basis, inner, problem.settings.widening)
+    return Values(joint.model.fields[h.term], passes, basis, inner)
 
 
 def _finding(

@@ -198,10 +198,7 @@ def _table(rows: list[dict[str, Any]]) -> list[str]:
     if not rows:
         return ["  no rows"]
     names = list(dict.fromkeys(n for r in rows for n in r))
-    cells = [names] + [[_cell(r.get(n)) for n in names] for r in rows]
+    values: list[list[Any]] = [names, *([r.get(n) for n in names] for r in rows)]
+    cells = [["" if v is None else f"{v:.9g}" if isinstance(v, float) else str(v) for v in r] for r in values]
     width = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return ["  " + "  ".join(map(str.ljust, line, width)).rstrip() for line in cells]
-
-
-def _cell(value: Any) -> str:
-    return "" if value is None else f"{value:.9g}" if isinstance(value, float) else str(value)

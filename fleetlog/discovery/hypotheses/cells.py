@@ -121,8 +121,7 @@ class Stretches(Cells):
     @property
     def opposite(self) -> Ints:
         """(C,) the stretch of the other direction beside each, where both have their own; -1 for none."""
-        edge = self.road_edge
-        other = self.network.reverse[edge]
+        edge, other = self.road_edge, self.network.reverse[self.road_edge]
         facing = self.first[other] + self.count[other] - 1 - (np.arange(len(self)) - self.first[edge])
         return np.where(other >= 0, facing, -1)
 

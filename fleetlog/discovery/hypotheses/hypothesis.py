@@ -80,9 +80,7 @@ class Hypothesis:
         """Where its columns come from."""
         if self.knobs:
             return tuple(KnobSource(k.column, self.setting) for k in self.knobs)
-        if self.curve is not None:
-            return (self.curve,)
-        return (FieldSource(self.term, self.when),)
+        return (self.curve,) if self.curve is not None else (FieldSource(self.term, self.when),)
 
     @property
     def shapes(self) -> dict[Knob, float]:

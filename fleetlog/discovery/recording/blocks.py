@@ -250,9 +250,8 @@ def narrow(motion: Motion) -> Motion:
 
 def _light(values: NDArray[Any]) -> NDArray[Any]:
     few, repeated = values[:: len(values) // 8 + 1], np.broadcast_to(values[:1], values.shape)
-    if all(np.array_equal(v, repeated[: len(v)], equal_nan=True) for v in (few, values)):
-        return repeated
-    return values.astype(np.float32 if values.dtype.kind == "f" else np.int32)
+    constant = all(np.array_equal(v, repeated[: len(v)], equal_nan=True) for v in (few, values))
+    return repeated if constant else values.astype(np.float32 if values.dtype.kind == "f" else np.int32)
 
 
 def cut(block: Block, width: float) -> Cut:

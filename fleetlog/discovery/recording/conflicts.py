@@ -217,12 +217,11 @@ def _met(n: _Nodes, reach: Floats) -> tuple[Ints, Ints]:
         return np.asarray(cell * span + time, dtype=np.float64)
 
     own = key(0, 0, left)
-    order = np.argsort(own, kind="stable")
+    order = np.argsort(own, kind="stable")  # What is looked for in this order lies near in memory
     own = own[order]
     pairs = []
     for dx in (-1, 0, 1):
         for dy in (-1, 0, 1):
-            # What is looked for in order lies near in memory.
             a, b = (np.searchsorted(own, key(dx, dy, time)[order]) for time in (early, late))
             count = np.maximum(b - a, 0)
             i = np.repeat(order, count)

@@ -116,13 +116,12 @@ class Verdict:
 
     def document(self) -> dict[str, Any]:
         """The contract's diagnosis.json."""
+
+        def named(values: list[tuple[str, Any]]) -> dict[str, Any]:
+            return {k: v for k, v in values if k not in ("nominal", "strength")}
+
         return {
             "format_version": 2, "verdict": self.word, "channels": [asdict(c) for c in self.channels],
-            "findings": [asdict(f, dict_factory=_written) for f in self.findings],
+            "findings": [asdict(f, dict_factory=named) for f in self.findings],
             "adjustments": self.adjustments, "notes": self.notes,
         }  # fmt: skip
-
-
-def _written(values: list[tuple[str, Any]]) -> dict[str, Any]:
-    """What the contract names of a finding or a parameter."""
-    return {k: v for k, v in values if k not in ("nominal", "strength")}

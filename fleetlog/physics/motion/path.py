@@ -64,9 +64,8 @@ class Path(NamedTuple):
         return v.edge[k], np.clip(place - v.origin[k], 0.0, np.where(v.edge[k] >= 0, v.length[k], np.inf))
 
     def curvature(self, way: Floats, step: Floats, half: Floats, leaps: Ints, radius: float) -> Floats:
-        """(n,) mean curvature [1/m] from ``half`` m before to ``half`` m after the middles of samples, each
-        ``step`` long. The ``way`` driven leaps before the samples ``leaps``, where a truck cuts a corner or
-        takes it wide: it turned there as well, about as sharply as its ``radius`` [m] allows."""
+        """(n,) mean curvature [1/m] ``half`` m before and after samples ``step`` m long. The ``way`` leaps
+        before ``leaps``, where a truck cuts a corner or takes it wide: it turned by its ``radius`` [m]."""
         driven, total = self.bends.driven, self.bends.turned
         if len(leaps):
             low, high = (np.interp(way + side * step, driven, total) for side in (-0.5, 0.5))
