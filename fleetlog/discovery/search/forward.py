@@ -47,8 +47,7 @@ def search(problem: Problem, nominal: Model) -> Search:
             if now.chosen != found.joint.chosen:
                 found.joint = refit(problem, found.joint.model, now.chosen)
             break
-        anew = problem.learned_anew(better.model, better.chosen)
-        found.joint = refit(problem, better.model, better.chosen) if anew else better
+        found.joint = better
     return _shaped(problem, _pruned(problem, found))
 
 

@@ -26,7 +26,6 @@ RIDGE = 0.02  # Ridge of the freest model, as a share of each column's own squar
 HUBER = 4.0  # Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)
 MEDIAN = 2.198  # The mean square of a normal variable over the median of its square
 FEWEST = 5
-LESS = 0.5  # Share of a variance up to which another is less: medians of a hundred windows err by a seventh
 EXPONENTS = np.linspace(0.0, 2.0, 9)
 """Of the scatter of rows in windows' variance: 0 where rows telescope, 2 where each errs by itself."""
 
@@ -110,17 +109,8 @@ class Problem:
     def learn(self, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
         """Measure the noise by what the hypotheses leave, where it is not known."""
         if not hasattr(self, "noise"):
-            self.noise = self._learned(model, hypotheses)
-
-    def learned_anew(self, model: Model, hypotheses: Sequence[Hypothesis]) -> bool:
-        """Whether about a model there is far less noise: what bends about the last one passed for it."""
-        new, now = self._learned(model, [*self.rest, *hypotheses]), self.noise
-        self.noise = new if np.median(new.variance) < LESS * np.median(now.variance) else now
-        return self.noise is new
-
-    def _learned(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Noise:
-        tables = self._tables(model, self.layout(hypotheses))
-        return learn(tables, self.settings, self.channel.model_error, self.split.unit)
+            tables = self._tables(model, self.layout(hypotheses))
+            self.noise = learn(tables, self.settings, self.channel.model_error, self.split.unit)
 
     def sums(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Sums:
         """Return the products of the columns of base and hypotheses about a model, over training windows."""
