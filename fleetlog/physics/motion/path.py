@@ -72,10 +72,9 @@ class Path(NamedTuple):
             ends, turned = (np.append(0.0, np.cumsum(v)) for v in (step, high - low))
             angle, place = low[leaps] - high[leaps - 1], ends[leaps]
             reach = np.maximum(0.5 * radius * np.abs(angle), 0.1)
-            driven, way = np.sort(np.concatenate([ends, place - reach, place + reach])), ends[1:] - 0.5 * step
-            total = np.interp(driven, ends, turned)
-            for at, size, far in zip(place, angle, reach, strict=True):
-                total += size * np.clip(0.5 + 0.5 * (driven - at) / far, 0.0, 1.0)
+            knots, more = _ramps(place - reach, place + reach, angle / (2.0 * reach))
+            driven, way = np.sort(np.append(ends, knots)), ends[1:] - 0.5 * step
+            total = np.interp(driven, ends, turned) + np.interp(driven, knots, more)
         return mean_curvature(way, half, driven, total)
 
 
@@ -162,15 +161,17 @@ def _rounded(network: Network, visits: Visits, stood: Floats, radius: float) -> 
         return STRAIGHT
     where, angle, size, reach = where[real], angle[real], size[real], reach[real]
     saved = 1.0 - np.maximum(0.5 * size / np.tan(0.5 * size), 0.4)
-    knots = np.concatenate([where - reach, where + reach])
-    order = np.argsort(knots, kind="stable")
-    knots = knots[order]
-    span = np.diff(knots, prepend=knots[:1])
-    turned, lost = (
-        np.cumsum(np.append(0.0, np.cumsum(np.concatenate([rate, -rate])[order])[:-1]) * span)
-        for rate in (angle / (2.0 * reach), saved)
-    )
+    knots, turned, lost = _ramps(where - reach, where + reach, angle / (2.0 * reach), saved)
     return Bends(knots, turned, np.maximum.accumulate(knots - np.minimum(lost, knots - knots[0])))
+
+
+def _ramps(begin: Floats, end: Floats, *rates: Floats) -> list[Floats]:
+    """Ends of ramps in order, and the sums of all ramps there, which grow at (n,) rates."""
+    knots = np.concatenate([begin, end])
+    order = np.argsort(knots, kind="stable")
+    span = np.diff(knots[order], prepend=knots[order][:1])
+    now = (np.cumsum(np.concatenate([rate, -rate])[order]) for rate in rates)
+    return [knots[order], *(np.cumsum(np.append(0.0, rate[:-1]) * span) for rate in now)]
 
 
 def _vertices(network: Network, v: Visits) -> tuple[Floats, Floats, Floats, Mask]:
