@@ -47,10 +47,11 @@ def diagnose(
     """
     from fleetlog.discovery import diagnose as discovery
     from fleetlog.discovery.report.output import as_result, write_diagnosis
-    from fleetlog.report.diagnosis import diagnosis_page
-    from fleetlog.view.results import write_result_recording
 
     def write(folder: Path) -> None:
+        from fleetlog.report.diagnosis import diagnosis_page
+        from fleetlog.view.results import write_result_recording
+
         write_diagnosis(found, folder)
         (folder / "report.html").write_text(diagnosis_page(found, told, place), encoding="utf-8")
         write_result_recording(told, place, folder / "recording.rrd")

@@ -20,9 +20,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
 from fleetlog.core.arrays import Floats, Index, Ints
+from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
+from fleetlog.physics.power import Physics, battery_power
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 
@@ -172,9 +174,6 @@ def edge_energies(network: Network, truck: Truck) -> Floats:
     """(E,) Wh that the empty truck takes from its battery over an edge at steady speed, by the nominal model.
     Direction and grade count, since the slope of an edge is taken along its own direction. An edge on which
     more comes back than is spent counts as nothing: a drive is never chosen for what it gives back."""
-    from fleetlog.core.motion import Motion
-    from fleetlog.physics.power import Physics, battery_power
-
     edge, offset = network.stations(PIECE)
     size = (network.length / np.bincount(edge, minlength=len(network)))[edge]
     speed, slope = edge_speeds(network, truck)[edge], network.slope(edge, offset)
