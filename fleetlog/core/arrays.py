@@ -1,5 +1,7 @@
 """Names of the arrays that signatures speak of; their docstrings say what is in them."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Index = NDArray[np.int32]  # Codes and indices, which need less room
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]  # Indices as numpy itself gives them
+Array = NDArray[Any]  # Of any kind
 
 
 def distinct(values: Floats) -> Floats:

@@ -4,11 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats, Indices, Mask
 from fleetlog.core.network import reduced
 from fleetlog.learn.cells import Cells
 from fleetlog.learn.lines import Chain, way
@@ -90,7 +89,7 @@ def _resampled(c: Chain) -> Chain:
 
 def _owners(
     chains: list[Chain], senses: Mask, cells: Cells, reach: float
-) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+) -> tuple[Floats, Indices, Indices, Indices]:
     """Tangents at the points of all chains, end to end, and the cells that lie on them in their ``senses``.
     Those are (n, 2), forth and back; of a cell its number, the point nearest to it, and 1 if back."""
     points = np.concatenate([c.points for c in chains])

@@ -14,9 +14,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Array, Floats
 from fleetlog.core.result import Bars, EdgeValues, Grid, Result, Series, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.view import palette
@@ -169,7 +168,7 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
         _legend(axes, names)
 
 
-def _over_time(axes: Axes, x: NDArray[Any], values: Floats, zone: str) -> tuple[NDArray[Any], Floats]:
+def _over_time(axes: Axes, x: Array, values: Floats, zone: str) -> tuple[Array, Floats]:
     """Times of a zone; silences are cut out of the axis and marked: a log of shifts has nothing at night."""
     local = pd.to_datetime(x, unit="us", utc=True).tz_convert(zone).tz_localize(None).to_numpy()
     steps = np.diff(local).astype("timedelta64[us]").astype(float)

@@ -15,15 +15,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Array, Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
-Columns = dict[str, NDArray[Any]]
+Columns = dict[str, Array]
 Near = tuple[Ints, Ints, Index, Floats]  # See :func:`~fleetlog.analysis.kernels.reachable`
 
 HALT = 1.39  # A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]
