@@ -13,7 +13,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
-from fleetlog.store.trips import STANDING_SPEED
+from fleetlog.store.trips import MIN_LOAD_CHANGE, STANDING_SPEED
 
 LAYERS = ("time", "distance", "energy", "standing", "passages", "energy_time")
 Quantity = Literal["occupancy", "passages", "speed", "energy", "standing"]
@@ -26,7 +26,6 @@ HOUR = 3_600_000_000
 MAX_GAP = 15.0
 STRETCH = 5.0
 MAX_CELLS = 25_000_000
-LADEN = 25.0
 
 COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")
 ROW_COST = 1e-6  # What the sums of a row cost [s]
@@ -149,7 +148,7 @@ def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> Mask:
         use &= (hour >= first) & (hour < last) if first < last else (hour >= first) | (hour < last)
     if state != "all":
         payload = t.floats("payload")
-        use &= payload > LADEN if state == "laden" else payload <= LADEN
+        use &= payload > MIN_LOAD_CHANGE if state == "laden" else payload <= MIN_LOAD_CHANGE
     return use
 
 

@@ -13,6 +13,11 @@ Indices = NDArray[np.intp]  # Indices as numpy itself gives them
 Array = NDArray[Any]  # Of any kind
 
 
+def microseconds(text: str) -> int:
+    """Return a date or a time of UTC, ``2026-01-05`` or ``2026-01-05T06:00:00Z``, in us since 1970."""
+    return int(np.datetime64(text.removesuffix("Z"), "us").astype(np.int64))
+
+
 def distinct(values: Floats) -> Floats:
     """(N,) values; (1,) where they are one value repeated in place, of which a function is called once."""
     return values[:1] if values.strides == (0,) else values

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog import interrupt
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints, microseconds
 from fleetlog.core.columns import SCHEMA
 from fleetlog.core.trajectory import Trajectory, from_arrow, to_arrow
 from fleetlog.errors import DataError, InputError, nearest
@@ -48,10 +48,9 @@ class Selection:
 
     def windows(self, columns: Sequence[str]) -> Iterator[list[Trajectory]]:
         """All vehicles' rows side by side, in stretches of time that follow one another."""
-        ends = (str(self.dataset.meta[key]).rstrip("Z") for key in ("start", "end"))
-        first, last = (int(np.datetime64(moment, "us").astype(np.int64)) for moment in ends)
-        days = {date: int(np.datetime64(date, "us").astype(np.int64)) for date in self.dataset.dates}
-        for date, begin in ((d, day + t) for d, day in days.items() for t in range(0, DAY, WINDOW)):
+        first, last = self.dataset.span or (0, -1)
+        for date, t in itertools.product(self.dataset.dates, range(0, DAY, WINDOW)):
+            begin = microseconds(date) + t
             if begin > last or begin + WINDOW <= first:
                 continue
             parts = ((v, part) for v in self.vehicles for part in self.dataset.parts(v, date))

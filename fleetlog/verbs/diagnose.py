@@ -39,7 +39,7 @@ def diagnose(
     against : simulated dataset to compare with, in place of the nominal model alone.
     channels : channels to judge, comma-separated: battery_power, soc, speed; all by default.
     terms : terms that may be named, comma-separated; all by default.
-    without : columns to withhold, comma-separated, z for one: what they explain is looked for.
+    without : columns to withhold, comma-separated (z, say); diagnose then looks for what they explain.
     holdout : what is held out of the search, and judges its result.
     gate : exit with 0 only if every channel was judged and nothing is missing.
     seed : seed of the cross-validation splits.

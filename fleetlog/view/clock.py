@@ -50,13 +50,6 @@ def opened(path: str | Path, day: str | None) -> Dataset:
     return Dataset(path) if day is None else OneDay(path, day)
 
 
-def span_of(dataset: Dataset) -> tuple[int, int] | None:
-    """First and last time [us]; None for a dataset without rows."""
-    ends = [dataset.meta.get(key) for key in ("start", "end")]
-    start, end = (int(np.datetime64(e.removesuffix("Z"), "us").astype(np.int64)) if e else None for e in ends)
-    return None if start is None or end is None else (start, end)
-
-
 @dataclass(frozen=True)
 class Clock:
     """The periods with data: ``starts`` and ``ends`` (N,) [us]."""
