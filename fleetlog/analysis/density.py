@@ -12,7 +12,7 @@ from fleetlog.analysis.clusters import episodes as of
 from fleetlog.analysis.clusters.episodes import BIN, PLACES, Watched, episodes
 from fleetlog.analysis.clusters.steps import Crowds, Rule, as_figures, find_crowds, together
 from fleetlog.core.arguments import Between
-from fleetlog.core.arrays import Floats, Ints, microseconds
+from fleetlog.core.arrays import HOUR, Floats, Ints, microseconds
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.words import count, percent
@@ -22,7 +22,6 @@ from fleetlog.store.dataset import ALONE
 from fleetlog.store.days import Part, each_day, each_part
 from fleetlog.store.trips import STANDING_SPEED
 
-HOUR = 3_600_000_000
 HOURS = (6, 4, 3, 2, 1)  # Of a day that one job looks at: the most with no more than ``STEPS`` of all trucks
 STEPS = 2_000_000
 ROW_COST = 2e-6

@@ -10,7 +10,7 @@ import pandas as pd
 
 from fleetlog.analysis.utilisation import charging
 from fleetlog.calibrate.fit import UNKNOWNS
-from fleetlog.core.arrays import Floats, Indices
+from fleetlog.core.arrays import HOUR, Floats, Indices
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
@@ -21,7 +21,6 @@ from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import measured_power
 from fleetlog.physics.power import Physics, all_terms, battery_power, cell_power, ledger, term_forces
 
-HOUR = 3_600_000_000
 STRETCH = 10.0  # Length of the stretches of road that are told apart [m]
 BIN = 60_000_000  # Step of the power ledger over time [us]
 Columns = dict[str, Any]

@@ -12,6 +12,8 @@ Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]  # Indices as numpy itself gives them
 Array = NDArray[Any]  # Of any kind
 
+HOUR, DAY = 3_600_000_000, 86_400_000_000  # In the unit of all times [us]
+
 
 def microseconds(text: str) -> int:
     """Return a date or a time of UTC, ``2026-01-05`` or ``2026-01-05T06:00:00Z``, in us since 1970."""

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog import interrupt
-from fleetlog.core.arrays import Floats, Ints, microseconds
+from fleetlog.core.arrays import DAY, Floats, Ints, microseconds
 from fleetlog.core.columns import SCHEMA
 from fleetlog.core.trajectory import Trajectory, from_arrow, to_arrow
 from fleetlog.errors import DataError, InputError, nearest
@@ -25,8 +25,7 @@ from fleetlog.registry import parts
 from fleetlog.store import Dataset
 from fleetlog.store.output import atomic_output
 
-WINDOW, DAY = 600_000_000, 86_400_000_000
-"""Stretch of time of which the rows of all vehicles are held at once, and a day [us]."""
+WINDOW = 600_000_000  # Stretch of time of which the rows of all vehicles are held at once [us]
 
 
 @dataclass

@@ -20,14 +20,14 @@ from typing import TypeAlias
 import numpy as np
 import rerun as rr
 
-from fleetlog.core.arrays import Floats, Ints, microseconds
+from fleetlog.core.arrays import DAY, Floats, Ints, microseconds
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 from fleetlog.view import blueprint, clock, events, palette
 from fleetlog.view import fleet as of
-from fleetlog.view.clock import DAY, SKIPPED, Clock, clock_of, dataset_outline, opened
+from fleetlog.view.clock import SKIPPED, Clock, clock_of, dataset_outline, opened
 from fleetlog.view.fleet import Fleet, curve_style, log_day
 from fleetlog.view.palette import Colour
 from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body, truck_fork

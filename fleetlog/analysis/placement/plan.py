@@ -19,7 +19,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
-from fleetlog.core.arrays import Floats, Index, Ints
+from fleetlog.core.arrays import DAY, Floats, Index, Ints
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.truck import Truck
@@ -92,7 +92,7 @@ def day_of(dataset: Dataset, vehicle: str, date: str, shortest: float) -> Unit:
             spells.append((int(vertex[a]), int(t.time[a]), int(t.time[b - 1])))
     changed = vertex[:-1][np.abs(np.diff(t.floats("payload"))) > MIN_LOAD_CHANGE]
     loading = np.bincount(changed[changed >= 0], minlength=n).astype(float)
-    day, visits = int(t.time[0] // 86_400_000_000), _visits(edge, time, network)
+    day, visits = int(t.time[0] // DAY), _visits(edge, time, network)
     return Unit(t.vehicle_id, day, visits, standing, urgent, loading, spells)
 
 
