@@ -239,6 +239,3 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
             f"{count(row.vehicles, 'truck')}"
         )
     return out
-
-
-ANALYSIS = density

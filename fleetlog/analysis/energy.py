@@ -168,6 +168,3 @@ def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> list[Shape]:
         both = {name: np.where(known, v, np.nan) for name, v in pair.items()}
         out.append(Series("power", middle, both, *axes, over_time=True))
     return out
-
-
-ANALYSIS = energy

@@ -165,6 +165,3 @@ def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple
     mask = np.zeros(observed.size, np.bool_)
     mask[seen] = false_discovery_control(2 * norm.sf(z)) <= 0.05
     return observed, mask.reshape(observed.shape)
-
-
-ANALYSIS = heatmap

@@ -223,6 +223,3 @@ def _events(found: Floats, names: list[str]) -> pd.DataFrame:
         "closing_speed": worst["closing"].to_numpy(), "x": worst["x"].to_numpy(), "y": worst["y"].to_numpy(),
     }, columns=list(TABLE))  # fmt: skip
     return out.sort_values(["start", "vehicle_a", "vehicle_b"], ignore_index=True)
-
-
-ANALYSIS = near_misses

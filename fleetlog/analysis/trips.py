@@ -110,6 +110,3 @@ def _places(dataset: Dataset, table: pd.DataFrame, end: str) -> list[str]:
     gap = np.hypot(*(xy[:, None] - spots).transpose(2, 0, 1))
     best = np.nan_to_num(gap, nan=np.inf).argmin(axis=1)
     return [places[k].id if gap[i, k] <= NEAR else "" for i, k in enumerate(best)]
-
-
-ANALYSIS = trips
