@@ -1,15 +1,17 @@
 """A folder is a list of parts.
 
 Every importer, map format, physics term, analysis and exporter is one module of a package; the module holds
-one object under an agreed name (``IMPORTER``, ``READER``, ``TERM``, ``EXPORTER``), an analysis a function of
-the module's name.  Adding a part is adding a file.  Other distributions add parts through entry points of the
-group ``fleetlog.<package>`` (for example ``fleetlog.physics.terms``), each naming such an object.
+one object under an agreed name: ``IMPORTER``, ``READER``, ``TERM``, of an exporter the function ``write``, of
+an analysis the function of the module's name.  Adding a part is adding a file.  Other distributions add parts
+through entry points of the group ``fleetlog.<package>`` (for example ``fleetlog.physics.terms``), each naming
+such an object.
 """
 
 import ast
 import importlib
 import importlib.util
 import pkgutil
+import re
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -88,6 +90,6 @@ def _sentence(module: str, attribute: str) -> str | None:
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         return None
     source = Path(spec.origin).read_text(encoding="utf-8")
-    if attribute and f"\n{attribute}" not in source and f"\ndef {attribute}" not in source:
+    if attribute and not re.search(rf"^(def )?{attribute}\b", source, re.MULTILINE):
         return None
     return " ".join((ast.get_docstring(ast.parse(source)) or "").split("\n\n")[0].split())
