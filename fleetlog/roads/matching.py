@@ -22,7 +22,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads import grouping
 from fleetlog.roads.candidates import Prepared, prepare
-from fleetlog.roads.kernels.decoding import decode, emission_costs, scratch
+from fleetlog.roads.kernels.decoding import decode, emission, scratch
 from fleetlog.roads.kernels.placing import place_points
 from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Groups, Noise, Placed, Track
 from fleetlog.roads.kernels.routes import build_routes, route_posterior
@@ -158,16 +158,16 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Can
     near = prepared.candidates(groups.x, groups.y, p.reach, max(4.5 * p.sigma, 1.5))
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
-    emission, roads = np.empty(len(near.edge)), prepared.roads
-    ahead = grouping.direction_of(groups, p.sigma)
-    emission_costs(near, *ahead, groups.axis, roads.reverse, spread, weight, emission)
+    own, roads = np.empty(len(near.edge) + len(groups.t)), prepared.roads
     # off the roads costs as much as a road at the edge of what is believable, and never less than 5 sigma
-    off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
-    costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off)
+    off = float(np.exp(4.5 - 3.0 * max(5.0, min(p.reach, 4.0) / spread)))
+    ahead = grouping.direction_of(groups, p.sigma)
+    emission(near, *ahead, groups.axis, roads.reverse, spread, weight, off, own)
+    costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn)
     count = len(groups.t)
-    choice = Choice(np.full(count, -1), np.zeros(len(near.edge)), np.zeros(count), np.zeros(count, np.bool_))
+    choice = Choice(np.full(count, -1), np.empty(len(own)), np.zeros(count, np.bool_))
     prepared.reach(near, groups, costs.beta)
-    decode(prepared.store, roads, near, emission, groups, costs, choice, scratch(near, len(roads.length)))
+    decode(prepared.store, roads, near, own, groups, costs, choice, scratch(near, len(roads.length)))
     return near, choice, costs.back
 
 
@@ -178,7 +178,8 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
     route_posterior(choice, near, routes, posterior)
     found = _nothing(len(track.t), p)
     placed = Placed(found.edge, found.offset, found.lateral, found.confidence)
-    found.confidence[:] = np.repeat(choice.off, size)
+    off = choice.posterior[near.ptr[1:] + np.arange(len(size))]
+    found.confidence[:] = np.repeat(off, size)
     lasting = p.sigma**2 * max(p.persistence - CHANCE_PERSISTENCE, 0.0) / (1.0 - CHANCE_PERSISTENCE)
     noise = Noise(max(p.noise, 0.02) ** 2, lasting, p.speed_noise**2, p.acceleration)
     group = np.repeat(np.arange(len(size)), size)

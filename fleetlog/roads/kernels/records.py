@@ -66,7 +66,6 @@ class Costs(NamedTuple):
     beta: float  # spread of steps [m]
     back: float  # how far noise moves a truck against its edge [m]
     turn: float  # cost of a turn in mid edge
-    off: float  # cost of a group off the roads
 
 
 class Track(NamedTuple):
@@ -98,8 +97,7 @@ class Choice(NamedTuple):
     """What is decided about G groups and their C candidates."""
 
     chosen: Wide  # (G,) candidate, -1 off the roads
-    posterior: Floats  # (C,) of the candidates
-    off: Floats  # (G,) posterior of being off the roads
+    posterior: Floats  # (C + G,) of the states: of each group's candidates and of being off the roads
     linked: Mask  # (G,) whether the step into a group is connected to the group before
 
 

@@ -114,7 +114,7 @@ def route_posterior(choice: Choice, near: Candidates, routes: Routes, out: Float
         for c in range(near.ptr[g], near.ptr[g + 1]):
             for q in range(lo, hi):
                 if routes.edge[q] == near.edge[c]:
-                    total += posterior[c]
+                    total += posterior[c + g]
                     break
         out[g] = min(total, 1.0)
 
