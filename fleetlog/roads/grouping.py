@@ -118,7 +118,7 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     span = group_span(track, noise)
     travelled = _travelled(track)
     first, still = np.empty(len(track.t) + 1, np.int64), np.zeros(len(track.t), np.bool_)
-    count = group_points(track, span - 1e-6, STANDING_SPEED, first, still)
+    count = group_points(track.t, track.speed, track.chain, span - 1e-6, STANDING_SPEED, first, still)
     if not np.isfinite(track.speed).any():
         radius, points = 2.5 * sigma + 0.1, first[: count + 1].copy()
         x, y = (_mean(v, points) for v in (track.x, track.y))
@@ -150,7 +150,7 @@ def _axis(heading: Floats, first: Ints) -> Floats:
         return np.zeros((2, len(first) - 1))
     parts = np.vstack([known, np.where(known, [np.cos(2.0 * heading), np.sin(2.0 * heading)], 0.0)])
     count, *axis = np.add.reduceat(parts, first[:-1], axis=1)
-    return np.asarray(axis) / np.maximum(count, 1.0)
+    return np.asarray(np.vstack(axis) / np.maximum(count, 1.0))
 
 
 def _travelled(track: Track) -> Floats:

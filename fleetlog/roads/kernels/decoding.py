@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.compiling import fast_inner, fast_outer
-from fleetlog.core.arrays import Floats, Index
+from fleetlog.core.arrays import Floats, Index, Mask
 from fleetlog.roads.kernels.distances import ensure
-from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Groups, Roads, Store, Wide
+from fleetlog.roads.kernels.records import Candidates, Choice, Groups, Roads, Store, Wide
 
 JUMP = 12.0  # cost of two groups on roads that no path connects: the chain starts anew
 RARE = float(np.float32(np.exp(-JUMP)))
@@ -28,7 +28,6 @@ Step = tuple[
     float, float, float, float, float
 ]  # travelled distance, its scale, reach; chances: entering, turning
 FAR = 16.0 * float(np.exp(-4.0))
-CHAIN_END = -2
 
 
 @fast_outer
@@ -39,14 +38,14 @@ def emission(
     """Chance of every state into ``out``: lateral distance, direction, axis of the log's heading; ``off`` is
     that of being off the roads. The distance is Gaussian, exponential beyond 3 sigma. A motion plainly
     against a one-way road counts threefold: it is no noise about the other direction."""
-    ptr, edge, value = near
+    ptr = near.ptr
     for g in range(len(ptr) - 1):
         dx, dy, sharp, ax, ay = direction[0, g], direction[1, g], sharpness[g], axis[0, g], axis[1, g]
         strength = math.sqrt(ax * ax + ay * ay)
         for c in range(ptr[g], ptr[g + 1]):
-            z, ux, uy = abs(value[1, c]) / sigma, value[2, c], value[3, c]
+            z, ux, uy = abs(near.lateral[c]) / sigma, near.ux[c], near.uy[c]
             along = ux * dx + uy * dy
-            strict = 3.0 if along < -0.5 and reverse[edge[c]] < 0 else 1.0
+            strict = 3.0 if along < -0.5 and reverse[near.edge[c]] < 0 else 1.0
             cost = (0.5 * z * z if z < 3.0 else 3.0 * z - 4.5) + strict * sharp * (1.0 - along)
             cost += strength - ax * (ux * ux - uy * uy) - ay * 2.0 * ux * uy
             out[c + g] = math.exp(-weight * cost)
@@ -60,38 +59,69 @@ def _fit(d: float, moved: float, scale: float) -> Any:
     return math.exp(-z) if z < 4.0 else FAR / (z * z)
 
 
+class Model(NamedTuple):
+    """What a step from group to group depends on; arrays are those of the records."""
+
+    length: Floats
+    reverse: Index
+    rank: Wide
+    begin: Wide
+    reached: Wide
+    target: Index
+    away: Floats
+    ptr: Wide
+    edge: Index
+    offset: Floats
+    own: Floats  # (S,) chance of every state by itself
+    moved: Floats
+    still: Mask
+    beta: float  # spread of steps [m]
+    back: float  # how far noise moves a truck against its edge [m]
+    turn: float  # cost of a turn in mid edge
+
+
+def model_of(
+    roads: Roads, store: Store, near: Candidates, own: Floats, groups: Groups, *numbers: float
+) -> Model:
+    """Put together what :func:`decode` needs; an array less is a hundredth less to compile."""
+    known = store.begin, store.reached, store.target, store.away
+    return Model(
+        roads.length,
+        roads.reverse,
+        roads.rank,
+        *known,
+        near.ptr,
+        near.edge,
+        near.offset,
+        own,
+        groups.moved,
+        groups.still,
+        *numbers,
+    )
+
+
 @fast_inner
-def _links(
-    store: Store,
-    roads: Roads,
-    near: Candidates,
-    back: float,
-    step: Step,
-    c: int,
-    b: int,
-    slot: Wide,
-    row: Floats,
-) -> None:
+def _links(x: Model, step: Step, c: int, b: int, slot: Wide, row: Floats) -> None:
     """Chance of every step from candidate c to those from b on into ``row``, where it is more than is there:
     exp(-|network distance - travelled distance| / scale), less by a turn in mid edge and where it enters
     another edge."""
-    e, s, value = near.edge[c], near.value[0, c], near.value
+    e, s = x.edge[c], x.offset[c]
     moved, scale, reach, enter, turn = step
-    left, first = roads.length[e] - s, store.begin[e]
-    for q in range(first, first + store.reached[e]):
-        away = store.away[q] + left
+    left, first = x.length[e] - s, x.begin[e]
+    for q in range(first, first + x.reached[e]):
+        away = x.away[q] + left
         if away > reach:
             break
-        j = slot[store.target[q]]
+        j = slot[x.target[q]]
         if j >= 0:
-            row[j] = max(row[j], _fit(away + value[0, b + j], moved, scale) * enter)
+            row[j] = max(row[j], _fit(away + x.offset[b + j], moved, scale) * enter)
     j = slot[e]
-    if j >= 0 and value[0, b + j] - s >= -back:
-        row[j] = max(row[j], _fit(value[0, b + j] - s, moved, scale))
-    e = roads.reverse[e]
+    if j >= 0 and x.offset[b + j] - s >= -x.back:
+        row[j] = max(row[j], _fit(x.offset[b + j] - s, moved, scale))
+    e = x.reverse[e]
     if e >= 0 and slot[e] >= 0:
         j = slot[e]
-        row[j] = max(row[j], _fit(abs(left - value[0, b + j]), moved, scale) * turn)
+        row[j] = max(row[j], _fit(abs(left - x.offset[b + j]), moved, scale) * turn)
 
 
 @fast_inner
@@ -104,15 +134,16 @@ BLOCK, AHEAD = 1000, 60  # groups that are decided together, and how far beyond 
 
 
 @fast_outer
-def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Groups, beta: float, begin: int) -> Any:
+def ensure_all(
+    store: Store, roads: Roads, ptr: Wide, edge: Index, chain: Wide, moved: Floats, beta: float, begin: int
+) -> Any:
     """Store what the steps from group ``begin`` on need; the first group for which there is no room."""
-    chain, moved = groups.chain, groups.moved
     for g in range(begin, len(chain) - 1):
         if chain[g + 1] != chain[g]:
             continue
         need = max(reach_of(moved[g], beta), 20.0)
-        for c in range(near.ptr[g], near.ptr[g + 1]):
-            e = near.edge[c]
+        for c in range(ptr[g], ptr[g + 1]):
+            e = edge[c]
             if store.known[e] < need and not ensure(store, roads, e, 1.5 * need):
                 return g
     return len(chain)
@@ -138,104 +169,96 @@ def scratch(near: Candidates, edges: int) -> Scratch:
     groups = min(len(near.ptr), BLOCK + AHEAD + 1)
     states = np.empty(groups * widest), np.empty(groups * widest, np.int64)
     steps, slot = np.empty(groups * widest * widest, np.float32), np.full(edges, -1, np.int64)
-    return Scratch(steps, *states, *np.zeros((5, widest)), slot)
+    return Scratch._make([steps, *states, *np.zeros((5, widest)), slot])
+
+
+def decode(x: Model, chain: Wide, out: Choice, room: Scratch) -> None:
+    """Likeliest state of every group, and every state's posterior, into ``out``. Works through blocks of
+    groups and looks ahead beyond each, so memory does not grow with the track."""
+    start = 0
+    for end in (*(np.flatnonzero(np.diff(chain)) + 1).tolist(), len(chain)):
+        fixed = -1
+        while start < end:
+            seen = min(start + BLOCK + AHEAD, end)
+            commit = end if seen == end else start + BLOCK
+            fixed = _block(x, start, commit, seen, fixed, out, room)
+            start = commit
 
 
 @fast_outer
-def decode(
-    store: Store, roads: Roads, near: Candidates, own: Floats, groups: Groups, costs: Costs, out: Choice,
-    room: Scratch,
-) -> None:  # fmt: skip
-    """Likeliest state of every group, and every state's posterior, into ``out``; ``own`` are the states'
-    chances by themselves. Works through blocks of groups and looks ahead beyond each, so memory does not
-    grow with the track."""
-    ptr, chain, rank, edge = near.ptr, groups.chain, roads.rank, near.edge
-    chosen, linked, alpha, came, delta = out.chosen, out.linked, room.alpha, room.came, room.delta
-    wide, count = len(delta), len(ptr) - 1
-    start = 0
-    fixed = -1  # state of the group before the block, when the chain goes on; its alpha is kept
-    while start < count:
-        begin = start - 1 if fixed >= 0 else start
-        end = begin + 1
-        while end < count and chain[end] == chain[begin] and end - start < BLOCK + AHEAD:
-            end += 1
-        whole = end == count or chain[end] != chain[begin]
-        commit = end if whole else start + BLOCK
-        first = ptr[begin] + begin
-        for i in range(ptr[begin + 1] + begin - first + 1):
-            came[i] = CHAIN_END
-            delta[i] = 1.0 if i == fixed else 0.0
-            if fixed < 0:
-                delta[i] = alpha[i] = own[first + i]
-        for g in range(begin, end - 1):
-            _ahead(store, roads, near, own, groups, costs, g, g - begin, room)
-        _backward(begin, start, end, ptr, own, out.posterior, room)
-        k = ptr[end] - ptr[end - 1]
-        best = k
-        for i in range(k):
-            if _better(delta[i], delta[best], i, best, k, ptr[end - 1], edge, rank):
-                best = i
-        for h in range(end - begin - 1, -1, -1):
-            g = begin + h
-            k = ptr[g + 1] - ptr[g]
-            link = came[h * wide + best]
-            if start <= g < commit:
-                chosen[g] = ptr[g] + best if best < k else -1
-                on = h > 0 and best < k and link < ptr[g] - ptr[g - 1]
-                linked[g] = on and room.steps[((h - 1) * wide + link) * wide + best] > RARE
-            if g == commit - 1:
-                fixed = best
-                for i in range(k + 1):
-                    alpha[i] = alpha[h * wide + i]
-            best = link
-        if whole:
-            fixed = -1
-        start = commit
+def _block(x: Model, start: int, commit: int, end: int, fixed: int, out: Choice, room: Scratch) -> Any:
+    """Decide groups ``start`` to ``commit`` with a look at those up to ``end``; returns the last one's state.
+    ``fixed`` is that of the group before, whose alpha is kept, or -1 where a chain begins."""
+    ptr, alpha, came, delta = x.ptr, room.alpha, room.came, room.delta
+    wide = len(delta)
+    begin = start - 1 if fixed >= 0 else start
+    first = ptr[begin] + begin
+    for i in range(ptr[begin + 1] + begin - first + 1):
+        delta[i] = 1.0 if i == fixed else 0.0
+        if fixed < 0:
+            delta[i] = alpha[i] = x.own[first + i]
+    for g in range(begin, end - 1):
+        _ahead(x, g, g - begin, room)
+    _backward(x, begin, start, end, out.posterior, room)
+    k = ptr[end] - ptr[end - 1]
+    best = k
+    for i in range(k):
+        if _better(x, delta[i], delta[best], i, best, ptr[end - 1], k):
+            best = i
+    for g in range(end - 1, start - 1, -1):
+        h, k = g - begin, ptr[g + 1] - ptr[g]
+        if g == commit - 1:
+            fixed = best
+            for i in range(k + 1):
+                alpha[i] = alpha[h * wide + i]
+        before = came[h * wide + best]
+        if g < commit:
+            out.chosen[g] = ptr[g] + best if best < k else -1
+            on = h > 0 and best < k and before < ptr[g] - ptr[g - 1]
+            out.linked[g] = on and room.steps[((h - 1) * wide + before) * wide + best] > RARE
+        best = before
+    return fixed
 
 
 @fast_inner
-def _better(new: float, old: float, i: int, best: int, k: int, a: int, edge: Index, rank: Wide) -> Any:
-    """Whether state i of k and one is likelier than ``best``, or as likely and first by name."""
+def _better(x: Model, new: float, old: float, i: int, best: int, a: int, k: int) -> Any:
+    """Whether state i of k and one is likelier than ``best``, or as likely and first by the edge's name."""
     if new > old * OVER:
         return True
-    return new * OVER > old and i < k and (best == k or rank[edge[a + i]] < rank[edge[a + best]])
+    return new * OVER > old and i < k and (best == k or x.rank[x.edge[a + i]] < x.rank[x.edge[a + best]])
 
 
 @fast_inner
-def _ahead(
-    store: Store, roads: Roads, near: Candidates, own: Floats, groups: Groups, costs: Costs, g: int, h: int,
-    room: Scratch,
-) -> None:  # fmt: skip
+def _ahead(x: Model, g: int, h: int, room: Scratch) -> None:
     """One step forward, from group g to the next, of Viterbi's algorithm and of the forward recursion."""
-    ptr, edge, rank = near.ptr, near.edge, roads.rank
     steps, alpha, came, delta, ahead, total, row, _, slot = room
-    a, b, c = ptr[g], ptr[g + 1], ptr[g + 2]
+    a, b, c = x.ptr[g], x.ptr[g + 1], x.ptr[g + 2]
     k, m, wide = b - a, c - b, len(delta)
-    moved, beta, still = groups.moved[g], costs.beta, groups.still
-    enter = IDLE_ENTER if still[g + 1] else ENTER
-    turn = enter * math.exp(-0.5 * costs.turn if still[g] or still[g + 1] else -costs.turn)
+    moved, beta = x.moved[g], x.beta
+    enter = IDLE_ENTER if x.still[g + 1] else ENTER
+    turn = enter * math.exp(-0.5 * x.turn if x.still[g] or x.still[g + 1] else -x.turn)
     step = moved, math.sqrt(beta * beta + 0.01 * moved * moved), reach_of(moved, beta), enter, turn
     for j in range(m + 1):
         ahead[j] = total[j] = 0.0
         if j < m:
-            slot[edge[b + j]] = j
+            slot[x.edge[b + j]] = j
     for i in range(k + 1):
         for j in range(m):
             row[j] = RARE if i < k else LEFT
         row[m] = LEFT if i < k else 1.0
         if i < k:
-            _links(store, roads, near, costs.back, step, a + i, b, slot, row)
+            _links(x, step, a + i, b, slot, row)
         at, so_far, till_now = (h * wide + i) * wide, delta[i], alpha[h * wide + i]
         for j in range(m + 1):
             steps[at + j] = row[j]
             total[j] += till_now * row[j]
         for j in range(m + 1):
             through, before = so_far * row[j], (h + 1) * wide + j
-            if through * OVER > ahead[j] and _better(through, ahead[j], i, came[before], k, a, edge, rank):
+            if through * OVER > ahead[j] and _better(x, through, ahead[j], i, came[before], a, k):
                 ahead[j], came[before] = through, i
     likeliest = all_of = 0.0
     for j in range(m + 1):
-        here = own[b + g + 1 + j]
+        here = x.own[b + g + 1 + j]
         ahead[j] *= here
         total[j] *= here
         likeliest = max(likeliest, ahead[j])
@@ -244,24 +267,22 @@ def _ahead(
         delta[j] = ahead[j] / likeliest
         alpha[(h + 1) * wide + j] = total[j] / all_of
     for j in range(m):
-        slot[edge[b + j]] = -1
+        slot[x.edge[b + j]] = -1
 
 
 @fast_inner
-def _backward(
-    begin: int, start: int, end: int, ptr: Wide, own: Floats, posterior: Floats, room: Scratch
-) -> None:
+def _backward(x: Model, begin: int, start: int, end: int, posterior: Floats, room: Scratch) -> None:
     """Posteriors of all states of a block."""
     steps, alpha, later, row = room.steps, room.alpha, room.later, room.row
     wide, m = len(later), 0
     for g in range(end - 1, begin - 1, -1):
-        a, first, k = (g - begin) * wide, ptr[g] + g, ptr[g + 1] - ptr[g] + 1
+        a, first, k = (g - begin) * wide, x.ptr[g] + g, x.ptr[g + 1] - x.ptr[g] + 1
         top = all_of = 0.0
         for i in range(k):
             beta = 0.0 if m else 1.0
             for j in range(m):
                 beta += steps[(a + i) * wide + j] * later[j]
-            row[i] = beta * own[first + i]
+            row[i] = beta * x.own[first + i]
             top = max(top, row[i])
             all_of += alpha[a + i] * beta
             if g >= start:
