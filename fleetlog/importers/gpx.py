@@ -38,20 +38,16 @@ class _Gpx(Elements):
             self._vehicle = track if track and ours and self.options.vehicle is None else self.vehicle
         values: dict[str, Any] = {"latitude": finite(point.get("lat")), "longitude": finite(point.get("lon"))}
         time = None
-        for leaf in point.iterdescendants("{*}*"):
+        for leaf in point:
             name = local(leaf)
             if name in _KEPT:
                 values[_KEPT[name]] = finite(leaf.text)
-            elif name == "time" and leaf.getparent() is point:
+            elif name == "time":
                 time = leaf.text
             elif name in _COURSES:
                 values["heading"] = heading_of_course(finite(leaf.text))
-            elif not len(leaf) and leaf.getparent() is not point:
-                figure, column = finite(leaf.text), BY_NAME.get(name)
-                if figure == figure and name not in ("latitude", "longitude"):
-                    values[name] = figure
-                elif leaf.text and column is not None and column.kind == "label":
-                    values[name] = leaf.text
+            elif len(leaf):
+                _extend(values, leaf)
         self.rows.add_iso(self._vehicle, time, number, values, point.attrib)
 
     def nothing(self) -> tuple[str, str]:
@@ -70,6 +66,22 @@ class _Gpx(Elements):
         for tag, noun in _STILL.items():
             if self.seen[tag]:
                 self.report.note(f"{count(self.seen[tag], noun)} left out: no motion")
+
+
+def _extend(values: dict[str, Any], part: Any) -> None:
+    """Take what an extension says: courses, and numbers and labels under their own names."""
+    for leaf in part.iterdescendants("{*}*"):
+        name = local(leaf)
+        if name in _KEPT:
+            values[_KEPT[name]] = finite(leaf.text)
+        elif name in _COURSES:
+            values["heading"] = heading_of_course(finite(leaf.text))
+        elif not len(leaf):
+            figure, column = finite(leaf.text), BY_NAME.get(name)
+            if figure == figure and name not in ("latitude", "longitude"):
+                values[name] = figure
+            elif leaf.text and column is not None and column.kind == "label":
+                values[name] = leaf.text
 
 
 IMPORTER = Importer("gpx", (".gpx",), holding(b"<gpx", b"<\x00g\x00p\x00x\x00"), _Gpx.batches)
