@@ -155,6 +155,7 @@ class TravelChannel(Channel):
         unseen = self.fleet.truck.drive.max_acceleration * self.fleet.step**2 / 16.0
         self.model_error = max(self.settings.profile_error, unseen / self.settings.stretch)
         self.place_error = GATHERS * self.model_error
+        self.bends = False  # Travel times are linear in the coordinates of their numbers
 
     def units(self) -> Iterator[Unit]:
         """Yield vehicle-days."""

@@ -47,7 +47,8 @@ def search(problem: Problem, nominal: Model) -> Search:
             if now.chosen != found.joint.chosen:
                 found.joint = refit(problem, found.joint.model, now.chosen)
             break
-        found.joint = better
+        anew = problem.learn_anew(better.model, better.chosen, float(better.losses.sum()))
+        found.joint = refit(problem, better.model, better.chosen) if anew else better
     return _shaped(problem, _pruned(problem, found))
 
 
