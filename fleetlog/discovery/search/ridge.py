@@ -63,6 +63,11 @@ class Sums:
         own = np.zeros((vehicles if vehicles > 1 else 0, folds, layout.numbers, p))
         return cls(layout, np.zeros((folds, p, p)), np.zeros((folds, q, q)), own)
 
+    def __add__(self, other: Sums) -> Sums:
+        """Return those of both."""
+        own = (getattr(self, n) + getattr(other, n) for n in ("fold", "slow", "own", "energy"))
+        return Sums(self.layout, *own)
+
     def add(self, x: Columns, residual: Floats, recorded: Floats, weight: Floats, *codes: Ints) -> None:
         """Add windows: (W, P) columns, residual, recorded quantity, inverse variance; folds and vehicle."""
         root = np.sqrt(weight).astype(np.float32)[:, None]
