@@ -1,6 +1,6 @@
 """One channel, from the recording to its findings: search, judge, word."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -43,11 +43,12 @@ class Explained:
 
 @dataclass
 class Task:
-    """A channel to explain: the ``problem``, ``windows`` that may be looked at, and a ``sample`` of their
-    trips, on which hypotheses are compared; what is found is fitted to all."""
+    """A channel to explain: the ``problem``, ``windows`` that may be looked at, and a ``sample``, of a
+    ``share`` of their trips, on which hypotheses are compared; what is found is fitted to all."""
 
     problem: Problem
     windows: int
+    share: float
     sample: Problem
 
     @property
@@ -55,12 +56,18 @@ class Task:
         """Whether it can be judged."""
         return self.windows >= self.problem.settings.fewest
 
+    @property
+    def all_drawn(self) -> bool:
+        """Whether the sample is all there is."""
+        return self.share >= 1.0
+
 
 def task(channel: Channel, split: Split, settings: Settings) -> Task:
     """Return what there is to explain of a channel."""
     problem = Problem(channel, split, settings, ())
     windows = sum(channel.each(partial(_usable, problem)))
-    return Task(problem, windows, problem.sampled(settings.sample / max(windows, 1)))
+    share = settings.sample / max(windows, 1)
+    return Task(problem, windows, share, problem.sampled(share))
 
 
 def _usable(problem: Problem, units: Iterable[Unit]) -> int:
@@ -84,16 +91,16 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
         fit = ChannelFit(channel.name, channel.metric, None, None, None, reason)
         return Explained(problem, base, base, fit, [], [], {}, {}, False)
     found, sample.noise = result
-    if asked.windows <= settings.sample:
+    if asked.all_drawn:
         problem.noise = sample.noise
     problem.learn(found.joint.model, found.joint.chosen)
     kept = [h for h in found.joint.chosen if h.term is not None]
     # What is written holds no free curve; the corrections beside it are fitted without one, too.
-    final = refit(problem, found.joint.model, kept)
+    final = _on_all(asked, found.joint.model, kept)
     # A number may only be plausible beside a curve: it is not told then.
     while beyond := [h for h in kept if h.knobs and on_bound(problem, final, h)]:
         kept = [h for h in kept if h not in beyond]
-        final = refit(problem, found.joint.model.without({k for h in beyond for k in h.knobs}, set()), kept)
+        final = _on_all(asked, found.joint.model.without({k for h in beyond for k in h.knobs}, set()), kept)
     known = covariance(problem, final)
     numbers = _numbers(final, errors(known))
     chosen = [h for h in found.joint.chosen if h.term is None or h in kept]
@@ -107,7 +114,9 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     # Where nothing is told, there is no difference between before and after.
     before = refit(sample, found.base.model, untold, known=sums) if named else final
     beside = {h: refit(problem, final.model, [*kept, h], steps=1) for h in told if h.term is None}
-    fit, judged, rest = judge(problem, before.model, final, {h: final.without(h) for h in named}, beside)
+    fit, judged, rest = judge(
+        problem, before.model, final, {h: final.without(h) for h in named}, beside, asked.share
+    )
     if best:
         alone = refit(sample, found.base.model, best, steps=1, known=sums)
         fit.p_value = strongest(problem, found.base, alone)
@@ -131,6 +140,13 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
         problem, before.model, after, fit, order, [_adjustment(channel, k, n) for k, n in small.items()],
         values, numbers, rest is not None and _above_floor(problem, rest, fit.floor),
     )  # fmt: skip
+
+
+def _on_all(asked: Task, model: Model, kept: Sequence[Hypothesis]) -> Joint:
+    """Fit hypotheses to all trips: from where a sample of them leads, one step is as good as any number (Le
+    Cam 1956)."""
+    joint = refit(asked.sample, model, kept)
+    return joint if asked.all_drawn else refit(asked.problem, joint.model, kept, steps=1)
 
 
 def _with_traffic(problem: Problem, model: Model, fit: ChannelFit, p_value: float) -> Errors:

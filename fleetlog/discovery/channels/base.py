@@ -18,7 +18,7 @@ from fleetlog.discovery.model import Knob, Model, Scope
 from fleetlog.discovery.recording.blocks import Block, Windows, picked, stacked
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.shelf import Shelf
-from fleetlog.discovery.recording.splits import Split
+from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.physics.term import Term
 
 Columns = NDArray[np.float32]
@@ -100,10 +100,13 @@ class Channel(ABC):
 
     def of(self, date: int) -> Iterator[Unit]:
         """Yield the units of a date."""
+        return (self.shelf.get(str(date), number) for number in self.numbers(date))
+
+    def numbers(self, date: int) -> list[int]:
+        """Return the numbers of its vehicle-days."""
         if not self.shelf.has(str(date)):  # Of a worker on another machine
             lay([self], date)
-        for number in self.shelf.numbers(str(date)):
-            yield self.shelf.get(str(date), number)
+        return self.shelf.numbers(str(date))
 
     def units(self) -> Iterator[Unit]:
         """Yield the recording, piece by piece."""
@@ -192,7 +195,9 @@ class Channel(ABC):
     def _draw(self, units: Iterable[Unit], share: float) -> None:
         by_vehicle: dict[int, list[Unit]] = {}
         for unit in units:
-            if len((part := unit.part(self.split.drawn(unit.windows, share))).windows):
+            if len(
+                (part := unit.part(self.split.drawn(unit.windows, share) & (unit.fold != HELD_OUT))).windows
+            ):
                 by_vehicle.setdefault(int(part.windows.vehicle[0]), []).append(part)
         for vehicle, parts in by_vehicle.items():
             self.shelf.put(SAMPLE, vehicle, self._joined(parts))

@@ -14,6 +14,7 @@ from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, charge_curves, energy_curves
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Block, Cut, cut, merged
+from fleetlog.discovery.recording.fleet import far_apart
 from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.battery import CHARGING
@@ -27,7 +28,6 @@ LEAST_SWING = 1.0  # Rows that scatter by less than this [W] are as good as a lo
 MOST_HUNTED = 6  # Roads on which trucks may hunt for their speed in a way of their own
 SILENCE = 0.05  # Of a window, that the log may be silent beside it: half of that is its error
 LEAP = 0.005  # A rise of the charge from row to row that no braking gives
-GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # Multiples of it lie far apart in one, however many there are
 PLUGGED = 60.0  # Nobody charges for less [s], and noise of the charge is little over so long a standstill
 RIPPLE = ErrorSource("ripple", 2.0)
 ERRORS = (ErrorSource("sampling", 0.5), RIPPLE, ErrorSource("lag", 0.15))
@@ -133,7 +133,7 @@ class EnergyChannel(Channel):
         """Yield units of vehicle-days far apart until there are windows enough: which of their windows, (W,),
         may be used, and their rows."""
         days, count = self.fleet.days, 0
-        for k in np.argsort(np.arange(len(days)) * GOLDEN % 1.0):
+        for k in far_apart(len(days)):
             unit = self._unit(self.fleet.block(days[k].vehicle, rows := days[k].load()))
             use = unit.whole & (unit.fold != HELD_OUT)
             yield unit, use, rows

@@ -189,8 +189,11 @@ class TravelChannel(Channel):
         self.scatter = (off + (SCATTER * wait / stood) ** 2) / passed
 
     def of(self, date: int) -> Iterator[Unit]:
-        """Yield the units of a date."""
-        yield from map(self._unit, super().of(date))  # type: ignore[arg-type]
+        """Yield the units of a date, made of its paths once turns and places to wait are known."""
+        for number in self.numbers(date):
+            if not isinstance(laid := self.shelf.get(str(date), number), Unit):
+                self.shelf.put(str(date), number, self._unit(laid))
+        yield from super().of(date)
 
     def _stands(self, laid: list[Laid]) -> Floats:
         """(4, n) by stretch of a lane: passages, stops, seconds of standing, and squares of how far waits

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from fleetlog import engines
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -30,6 +30,7 @@ COLUMNS = (
 )  # fmt: skip
 
 FEWEST_ROWS = 8  # A shorter vehicle-day says nothing
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # Multiples of it lie far apart in one, however many there are
 EVENLY = 100_000  # Rows in all that stand for the others, at least
 ROW_COST = 1e-5  # What a look at all rows takes, at least [s each]
 J = TypeVar("J")
@@ -68,6 +69,11 @@ class Fleet:
     def on(self, date: int) -> Iterator[tuple[int, Day]]:
         """Yield the vehicle-days of a date with their numbers."""
         return ((k, d) for k, d in enumerate(self.days) if d.date == date)
+
+    def some(self, most: int) -> frozenset[int]:
+        """Return the numbers of so many days of every vehicle at most, far apart."""
+        own = [[k for k, d in enumerate(self.days) if d.vehicle == v] for v in range(len(self.vehicles))]
+        return frozenset(k for days in own for k in np.array(days)[far_apart(len(days))[:most]].tolist())
 
     def each_block(self, date: int) -> Iterator[tuple[int, Block]]:
         """Yield the vehicle-days of a date as finely stepped motion, with their numbers."""
@@ -155,6 +161,11 @@ def read_fleet(data: Dataset, truck: Truck, site: Site | None = None, without: S
         days, vehicles, network, truck, {}, {}, left_out=left_out, speed_from_positions=no_channel,
         rarely_placed=rarely,
     )  # fmt: skip
+
+
+def far_apart(count: int) -> Ints:
+    """Return the numbers up to a count in an order in which the first few lie far apart."""
+    return np.argsort(np.arange(count) * GOLDEN % 1.0)
 
 
 def _each(work: Callable[[J], R], jobs: Sequence[J], rows: int) -> Iterator[R]:

@@ -33,6 +33,7 @@ MISMATCHED = 0.25  # A ratio of speed to progress that is off by this is a wrong
 MANY = 2000  # Rows that show well enough which shift to look at closely
 INTERVALS = np.linspace(0.85, 1.15, 13)
 """Intervals of a mean that are tried, over twice the shift that fits best; and shifts, over that."""
+LOOKED_AT = 4  # Days of a vehicle whose clock is looked at: 24 pieces tell how late it is
 PIECE = 200  # Rows of a piece whose clock is looked at by itself
 
 
@@ -154,7 +155,9 @@ def _spread(values: list[float]) -> float:
 
 
 def _looked(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Look]]:
-    return [(b.vehicle, look) for _, b in fleet.each_block(date) for look in _looks(b, fleet, split)]
+    days = [d for k, d in fleet.on(date) if k in fleet.some(LOOKED_AT)]
+    blocks = (fleet.block(d.vehicle, d.load()) for d in days)
+    return [(b.vehicle, look) for b in blocks for look in _looks(b, fleet, split)]
 
 
 def _looks(block: Block, fleet: Fleet, split: Split) -> Iterator[_Look]:

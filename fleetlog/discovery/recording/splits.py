@@ -70,8 +70,8 @@ class Split:
         return np.where(test[which], HELD_OUT, out)
 
     def drawn(self, w: Windows, share: float) -> Mask:
-        """Return which windows belong to an even sample of what is not held out, (W,)."""
-        return np.asarray((_mixed(self.unit(w)) % 1000 < 1000.0 * share) & (self.fold(w) != HELD_OUT))
+        """Return which windows belong to an even sample, (W,)."""
+        return np.asarray(_mixed(self.unit(w)) % 1000 < 1000.0 * share)
 
     def _dealt(self, codes: Ints, count: int, salt: int) -> Ints:
         """Return the share of each code: of ``count`` in a row each has another: neighbours remain."""

@@ -24,11 +24,11 @@ FEWEST = 50  # Windows from which on a noise floor is told
 
 def judge(
     problem: Problem, before: Model, after: Joint, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
-    Joint],
+    Joint], share: float = 1.0,
 ) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None]:  # fmt: skip
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
     ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
-    hides."""
+    hides. The noise floor is measured on a ``share`` of the trips."""
     channel, fits, models = problem.channel, [after, *beside.values()], [*without.values(), before]
     energy, cluster, modelled, concealed, *others = _pooled(problem, fits, models)
     others, left = [*others[2 * len(beside) : -1], *others[: 2 * len(beside) : 2]], energy - others[-1]
@@ -45,7 +45,7 @@ def judge(
         one, two = (energy - other, new) if h in without else (new, energy - other)
         chance = p_value(one - concealed, one - two, cluster, miss)
         told[h] = Errors(channel.metric, error(one), error(two), chance)
-    floor = _floor(problem, before)
+    floor = _floor(problem, before, share)
     fit = ChannelFit(channel.name, channel.metric, error(left), error(new), floor and floor / size)
     return fit, told, error(new - concealed)
 
@@ -88,9 +88,9 @@ def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], uni
     return np.concatenate([none, *(heard(u) for u in problem.held_out(units))], axis=1)
 
 
-def _floor(problem: Problem, before: Model) -> float | None:
+def _floor(problem: Problem, before: Model, share: float) -> float | None:
     """The noise in the windows held out beyond a model; None where it is not known."""
-    parts = problem.channel.each(partial(_alike, problem, before))
+    parts = problem.channel.each(partial(_alike, problem, before, share))
     features, told = (np.concatenate(p) for p in zip(*chain.from_iterable(parts), strict=True))
     residual, trip, held, noise = told.T
     wanted = held > 0.0
@@ -99,14 +99,17 @@ def _floor(problem: Problem, before: Model) -> float | None:
     return None if repeated is None else max(repeated, float(np.sqrt(np.mean(noise[wanted]))))
 
 
-def _alike(problem: Problem, before: Model, units: Iterable[Unit]) -> list[tuple[Floats, Floats]]:
+def _alike(
+    problem: Problem, before: Model, share: float, units: Iterable[Unit]
+) -> list[tuple[Floats, Floats]]:
     """(W, d) features of the windows of units, and (W, 4) what a model leaves of them, their trips, whether
     they are held out, and the noise that is known."""
     out = []
     for unit in units:
         left, held = unit.recorded - problem.channel.predict(unit, before), unit.fold == HELD_OUT
+        use = unit.whole & problem.split.drawn(unit.windows, share)
         told = np.column_stack([left, problem.split.unit(unit.windows), held, unit.noise])
-        out.append((problem.channel.features(unit, before)[unit.whole], told[unit.whole]))
+        out.append((problem.channel.features(unit, before)[use], told[use]))
     return out
 
 
