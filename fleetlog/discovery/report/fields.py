@@ -15,7 +15,6 @@ from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.term import Term
 
 FEW = 3  # Windows that must touch a piece before it may be named
-RESOLVED = 20.0  # A truck drives so far in a window: what windows say of less is told by their ends [m]
 DRAWS = 400  # Of the field, for what picking the largest of its values costs
 
 
@@ -68,19 +67,19 @@ def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, 
 
 
 def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
-    """The largest value of an odd field that windows tell apart, as trips allow; of others the mean."""
+    """The largest value of an odd field, corrected for being picked; of others the mean."""
     first = term.parameters[0]
     draws = np.random.default_rng(0).multivariate_normal(
         np.zeros(len(v.covariance)), v.covariance, DRAWS, method="eigh"
     )
+    own, spread = v.deviation[mask], draws @ v.basis[mask].T
     if term.odd:
-        means = _resolved(cells, mask, v.samples >= FEW)
-        own, spread = means @ v.deviation, draws @ (means @ v.basis).T
-        value = float(np.abs(own).max())
-        low, middle, high = np.quantile(np.abs(own + spread).max(axis=1), [0.025, 0.5, 0.975])
+        largest = np.abs(own + spread).max(axis=1)
+        low, middle, high = np.quantile(largest, [0.025, 0.5, 0.975])
+        # The largest of many uncertain values is too large by what one more error of the same size adds.
+        value = max(2.0 * float(np.abs(own).max()) - float(middle), 0.0)
         below, above = max(value + float(low - middle), 0.0), value + float(high - middle)
         return Parameter(term.extreme or first.name, value, below, above, first.unit)
-    own, spread = v.deviation[mask], draws @ v.basis[mask].T
     weight = np.maximum(v.samples[mask], 1).astype(float)
     mean = float(np.average(own, weights=weight))
     error = float((spread @ (weight / weight.sum())).std())
@@ -90,18 +89,6 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
         mean = float(v.deviation[worst].sum())
         error = float((draws @ v.basis[worst].sum(axis=0)).std())
     return interval(first, first.scaled(first.neutral) + mean, error, first.neutral)
-
-
-def _resolved(cells: Cells, mask: Mask, known: Mask) -> Floats:
-    """(R, C) takes values to what windows tell apart: means of two short stretches, one of them large."""
-    alone = np.eye(len(mask))
-    if not isinstance(cells, Stretches):
-        return alone[mask]
-    follows = (np.diff(cells.road_edge) == 0) & (cells.end[1:] - cells.start[:-1] <= RESOLVED)
-    pair = np.append(follows & known[1:] & known[:-1], False)
-    single = ~pair & ~np.append(False, pair[:-1])
-    two = 0.5 * (alone + np.roll(alone, 1, axis=1))
-    return np.concatenate([two[pair & (mask | np.roll(mask, -1))], alone[single & mask]])
 
 
 def extent(middle: Floats) -> list[float]:
