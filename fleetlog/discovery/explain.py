@@ -1,14 +1,13 @@
 """One channel, from the recording to its findings: search, judge, word."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from fleetlog.core.arrays import Floats
-from fleetlog.discovery.channels.base import Channel, Unit
+from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses, scanned
 from fleetlog.discovery.hypotheses.sources import UNIT
 from fleetlog.discovery.model import Knob, Model
@@ -51,32 +50,18 @@ class Task:
     share: float
     sample: Problem
 
-    @property
-    def enough(self) -> bool:
-        """Whether it can be judged."""
-        return self.windows >= self.problem.settings.fewest
-
-    @property
-    def all_drawn(self) -> bool:
-        """Whether the sample is all there is."""
-        return self.share >= 1.0
-
 
 def task(channel: Channel, split: Split, settings: Settings) -> Task:
     """Return what there is to explain of a channel."""
     problem = Problem(channel, split, settings, ())
-    windows = sum(channel.each(partial(_usable, problem)))
+    windows = sum(channel.each(problem.count))
     share = settings.sample / max(windows, 1)
     return Task(problem, windows, share, problem.sampled(share))
 
 
-def _usable(problem: Problem, units: Iterable[Unit]) -> int:
-    return sum(int(unit.whole.sum()) for unit in problem.training(units))
-
-
 def searched(base: Model, only: tuple[str, ...], own: Task) -> tuple[Search, Noise] | None:
     """Return what explains the sample of a channel, and its noise."""
-    if not own.enough:
+    if own.windows < own.problem.settings.fewest:
         return None
     own.sample.rest = tuple(hypotheses(own.sample.channel, only))
     return search(own.sample, base), own.sample.noise
@@ -91,7 +76,7 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
         fit = ChannelFit(channel.name, channel.metric, None, None, None, reason)
         return Explained(problem, base, base, fit, [], [], {}, {}, False)
     found, sample.noise = result
-    if asked.all_drawn:
+    if asked.share >= 1.0:
         problem.noise = sample.noise
     problem.learn(found.joint.model, found.joint.chosen)
     kept = [h for h in found.joint.chosen if h.term is not None]
@@ -146,23 +131,17 @@ def _on_all(asked: Task, model: Model, kept: Sequence[Hypothesis]) -> Joint:
     """Fit hypotheses to all trips: from where a sample of them leads, one step is as good as any number (Le
     Cam 1956)."""
     joint = refit(asked.sample, model, kept)
-    return joint if asked.all_drawn else refit(asked.problem, joint.model, kept, steps=1)
+    return joint if asked.share >= 1.0 else refit(asked.problem, joint.model, kept, steps=1)
 
 
 def _with_traffic(problem: Problem, model: Model, fit: ChannelFit, p_value: float) -> Errors:
     """The error on held-out trips with the windows in which other vehicles were in the way, and without."""
-    parts = problem.channel.each(partial(_off, problem, model))
-    off, size = (sum(p) for p in zip(*parts, strict=True))
-    return Errors(fit.metric, float(np.sqrt(off / size)) if size else None, fit.after, p_value)
-
-
-def _off(problem: Problem, model: Model, units: Iterable[Unit]) -> tuple[float, float]:
     off, size = 0.0, 0.0
-    for unit in units:
+    for unit in problem.channel.units():
         use = (unit.fold == HELD_OUT) & (unit.recorded > 0.0)
         off += float(((unit.recorded - problem.channel.predict(unit, model))[use] ** 2).sum())
         size += float((unit.recorded[use] ** 2).sum())
-    return off, size
+    return Errors(fit.metric, float(np.sqrt(off / size)) if size else None, fit.after, p_value)
 
 
 def _within_tolerance(base: Model, numbers: dict[Knob, Parameter], h: Hypothesis) -> bool:

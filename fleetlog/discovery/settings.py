@@ -41,7 +41,6 @@ class Settings:
     # Windows from which on a channel is judged: some ten for each class of power, in each half.
     fewest: int = 60
     sample: int = 20_000  # Windows of the sample on which noise is measured and hypotheses are compared
-    looked_at: int = 5_000  # Windows that the model's own error is measured on: of so many it is known to 2 %
 
 
 SETTINGS = Settings()

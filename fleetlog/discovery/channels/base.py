@@ -179,29 +179,24 @@ class Channel(ABC):
         return drawn
 
     def _sample(self) -> list[Unit]:
-        if self._held:
-            return self._held
         assert self.share is not None
-        whole = copy(self)
-        whole.share = None
-        if self.share >= 1.0:
-            self._held = list(whole.units())
-            return self._held
-        if not self.shelf.has(SAMPLE):
-            self._draw(whole.units(), self.share)
-        self._held = [self.shelf.get(SAMPLE, k) for k in self.shelf.numbers(SAMPLE)]
+        if not self._held:
+            whole = copy(self)
+            whole.share = None
+            self._held = list(whole.units()) if self.share >= 1.0 else self._drawn(whole, self.share)
         return self._held
 
-    def _draw(self, units: Iterable[Unit], share: float) -> None:
-        by_vehicle: dict[int, list[Unit]] = {}
-        for unit in units:
-            if len(
-                (part := unit.part(self.split.drawn(unit.windows, share) & (unit.fold != HELD_OUT))).windows
-            ):
-                by_vehicle.setdefault(int(part.windows.vehicle[0]), []).append(part)
-        for vehicle, parts in by_vehicle.items():
-            self.shelf.put(SAMPLE, vehicle, self._joined(parts))
-        self.shelf.end(SAMPLE)
+    def _drawn(self, whole: "Channel", share: float) -> list[Unit]:
+        if not self.shelf.has(SAMPLE):
+            by_vehicle: dict[int, list[Unit]] = {}
+            for unit in whole.units():
+                use = self.split.drawn(unit.windows, share) & (unit.fold != HELD_OUT)
+                if use.any():
+                    by_vehicle.setdefault(int(unit.windows.vehicle[0]), []).append(unit.part(use))
+            for vehicle, parts in by_vehicle.items():
+                self.shelf.put(SAMPLE, vehicle, self._joined(parts))
+            self.shelf.end(SAMPLE)
+        return [self.shelf.get(SAMPLE, k) for k in self.shelf.numbers(SAMPLE)]
 
     def _joined(self, parts: list[Unit]) -> Unit:
         """Several units of one vehicle as one: a few long arrays cost less than many short ones."""

@@ -140,7 +140,7 @@ class EnergyChannel(Channel):
             use = unit.whole & (unit.fold != HELD_OUT)
             yield unit, use, rows
             count += int(use.sum())
-            if count >= settings.looked_at:
+            if count >= settings.sample // 4:  # Their mean square is known to 2 %
                 return
 
     def _hunted(self, seen: list[tuple[Unit, Mask, Trajectory]]) -> tuple[int, ...]:

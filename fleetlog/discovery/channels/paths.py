@@ -108,16 +108,16 @@ class Drive:
 
 
 def laid_out(
-    group: list[Route], fleet: Fleet, split: Split, lanes: Stretches, length: float
+    group: list[Route], fleet: Fleet, split: Split, lanes: Stretches, length: float, share: float
 ) -> Iterator[tuple[Laid | None, Iterator[Seen]]]:
-    """Lay out what every vehicle drove on a date; and what nobody was in the way of, which shows how turns
-    are driven."""
+    """Lay out what every vehicle drove on a date; and, of a share of the trips, what nobody was in the way
+    of, which shows how turns are driven."""
     placed = [[on_road(leg) for leg in r.legs] for r in group]
     group = [replace(r, legs=tuple(leg for leg, _ in p)) for r, p in zip(group, placed, strict=True)]
     flags = hindered(group, [free_speed(r.nodes("edge"), fleet) for r in group], fleet.truck)
     for r, f, p in zip(group, flags, placed, strict=True):
         driven = list(_drives(r, *f, np.concatenate([a for _, a in p])))
-        yield _lay_out(r, driven, fleet, lanes, length), _undisturbed(r, driven, fleet, split)
+        yield _lay_out(r, driven, fleet, lanes, length), _undisturbed(r, driven, fleet, split, share)
 
 
 def free_speed(edge: NDArray[Any], fleet: Fleet) -> Floats:
@@ -144,10 +144,11 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]
         first = k + 1
 
 
-def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split) -> Iterator[Seen]:
-    """The nodes that the search may look at."""
+def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split, share: float) -> Iterator[Seen]:
+    """The nodes that the search may look at, of a share of the trips."""
     path = join([v.leg.path for v in drives])
-    use = split.rows(path.trip + TRIP * r.vehicle, path.time + r.start, r.vehicle, r.day) != HELD_OUT
+    trip = path.trip + TRIP * r.vehicle
+    use = split.rows(trip, path.time + r.start, r.vehicle, r.day, share) != HELD_OUT
     use &= ~np.concatenate([v.behind | v.astray for v in drives])
     ends = np.cumsum([len(v.behind) for v in drives])[:-1]
     parts = (np.split(values, ends) for values in (free_speed(path.edge, fleet), use))

@@ -170,8 +170,12 @@ class TravelChannel(Channel):
         placed = [(k, r) for k, r in looked if r is not None]
         turns, found = list[tuple[Way, Pass]](), list[Laid]()
         group = [r for _, r in placed]
-        length = self.settings.stretch
-        ways = paths.laid_out(group, self.fleet, self.split, self.lanes, length) if group else ()
+        # So many windows of the sample's length tell how turns are driven.
+        share, length = (
+            self.settings.sample * self.settings.window / self.fleet.seconds,
+            self.settings.stretch,
+        )
+        ways = paths.laid_out(group, self.fleet, self.split, self.lanes, length, share) if group else ()
         for (number, _), (laid, undisturbed) in zip(placed, ways, strict=True):
             turns += crossings(undisturbed)
             if laid is not None:

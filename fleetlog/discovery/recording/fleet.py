@@ -175,14 +175,14 @@ def _each(work: Callable[[J], R], jobs: Sequence[J], rows: int) -> Iterator[R]:
 
 
 def _rows(data: Dataset, vehicle: str, date: str, columns: Sequence[str]) -> Trajectory:
-    return measured_channels(data.read(vehicle, date, columns), data.meta)
+    return measured_channels(data.here().read(vehicle, date, columns), data.meta)
 
 
 def _day(
     data: Dataset, columns: Sequence[str], vehicles: tuple[str, ...], every: int, which: tuple[int, str]
 ) -> Day | None:
     """What is kept of a vehicle-day; None of one that says nothing."""
-    load = partial(_rows, data.here(), vehicles[which[0]], which[1], columns)
+    load = partial(_rows, data, vehicles[which[0]], which[1], columns)
     rows = load()
     told = len(rows) >= FEWEST_ROWS and (rows.has("speed") or rows.has("x"))
     return day_of(which[0], rows, load, every) if told else None

@@ -51,9 +51,10 @@ class Split:
             return np.zeros(0, np.int64)
         return self._folds(self.unit(w), int(w.vehicle[0]), int(w.day[0]))
 
-    def rows(self, trip: Ints, time: Floats, vehicle: int, day: int) -> Ints:
-        """Return the same for the rows of a vehicle-day."""
-        return self._folds(self._units(trip, time, np.full(len(trip), vehicle)), vehicle, day)
+    def rows(self, trip: Ints, time: Floats, vehicle: int, day: int, share: float = 1.0) -> Ints:
+        """Return the same for the rows of a vehicle-day; ``HELD_OUT`` beside an even sample of them, too."""
+        unit = self._units(trip, time, np.full(len(trip), vehicle))
+        return np.where(_mixed(unit) % 1000 < 1000.0 * share, self._folds(unit, vehicle, day), HELD_OUT)
 
     def _units(self, trip: Ints, time: Floats, vehicle: Ints) -> Ints:
         if self.kind == "trips":

@@ -87,6 +87,10 @@ class Problem:
         for unit in self.channel.units() if units is None else units:
             yield replace(unit, whole=unit.whole & (unit.fold != HELD_OUT))
 
+    def count(self, units: Iterable[Unit]) -> int:
+        """Return the number of windows of units that may be looked at."""
+        return sum(int(unit.whole.sum()) for unit in self.training(units))
+
     def held_out(self, units: Iterable[Unit] | None = None) -> Iterator[Unit]:
         """Yield what is held out of units, whatever else hangs together with it marked as not whole."""
         for unit in self.channel.units() if units is None else units:

@@ -110,7 +110,10 @@ class Normal:
 
 def stiff(gram: Floats, prior: Prior) -> Floats:
     """Return (k, k) products with the precision of a prior; what nothing speaks for gets a trace of one."""
-    return np.asarray(gram + np.diag(prior.precision + 1e-9 * np.maximum(np.diag(gram), 1e-12)))
+    out = np.array(gram, dtype=np.float64)
+    diagonal = np.einsum("ii->i", out)
+    diagonal += prior.precision + 1e-9 * np.maximum(diagonal, 1e-12)
+    return out
 
 
 def solve(gram: Floats, moment: Floats, prior: Prior) -> Floats:
