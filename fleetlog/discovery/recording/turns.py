@@ -71,7 +71,9 @@ class Turns:
 
 
 @dataclass(frozen=True)
-class _Pass:
+class Pass:
+    """One way over a junction as it was driven."""
+
     s: Floats  # About the meeting of the edges [m]
     speed: Floats
     free: float
@@ -81,14 +83,22 @@ class _Pass:
     spacing: float
 
 
-def measure(drives: Iterable[Seen], truck: Truck) -> Turns:
-    """Return the turns of legs."""
-    passes: dict[Way, list[_Pass]] = defaultdict(list)
+def crossings(drives: Iterable[Seen]) -> list[tuple[Way, Pass]]:
+    """Return how legs cross junctions."""
+    found = []
     for leg, free, use in drives:
         edge = leg.path.edge
         for i in np.flatnonzero(np.diff(edge) != 0).tolist():  # The last node before each junction
             if (one := _pass(leg, free, use, i)) is not None:
-                passes[int(edge[i]), int(edge[i + 1])].append(one)
+                found.append(((int(edge[i]), int(edge[i + 1])), one))
+    return found
+
+
+def measure(found: Iterable[tuple[Way, Pass]], truck: Truck) -> Turns:
+    """Return the turns that were crossed so."""
+    passes: dict[Way, list[Pass]] = defaultdict(list)
+    for way, one in found:
+        passes[way].append(one)
     known = {way: _turn(p) for way, p in passes.items() if len(p) >= FEWEST}
     bends = [t for t in known.values() if BEND < abs(t.angle) < BACK]
     if len(bends) < FEWEST or _map_explains(list(known.values())):
@@ -98,7 +108,7 @@ def measure(drives: Iterable[Seen], truck: Truck) -> Turns:
     return Turns(known, level if level < ALIKE * nominal else nominal)
 
 
-def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
+def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> Pass | None:
     d, place = leg.distance, leg.distance[i]
     near = slice(np.searchsorted(d, place - REACH, side="right"), np.searchsorted(d, place + REACH))
     if min(place - d[0], d[-1] - place) < CLEAR or not use[near].all():
@@ -107,10 +117,10 @@ def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
     turned = np.diff(np.unwrap(np.arctan2(y[4:] - y[:-4], x[4:] - x[:-4])))
     curvature = float(np.abs(leg.path.curvature[near]).max())
     middle = 0.5 * (s[3:-2] + s[2:-3])
-    return _Pass(s, speed, float(free[near].min()), curvature, turned, middle, float(np.median(speed)))
+    return Pass(s, speed, float(free[near].min()), curvature, turned, middle, float(np.median(speed)))
 
 
-def _turn(passes: list[_Pass]) -> Turn:
+def _turn(passes: list[Pass]) -> Turn:
     """What passages have in common."""
     angle = float(np.median([p.turned.sum() for p in passes]))
     free, curvature = (float(np.median([getattr(p, n) for p in passes])) for n in ("free", "curvature"))
@@ -126,7 +136,7 @@ def _turn(passes: list[_Pass]) -> Turn:
     return Turn(angle, middle, length, _speed(passes, middle, max(0.5 * length, 2.0)), free, curvature)
 
 
-def _speed(passes: list[_Pass], middle: float, reach: float) -> float:
+def _speed(passes: list[Pass], middle: float, reach: float) -> float:
     """The speed intended there: what lies before or behind may be slow for a reason of its own."""
     slowest = [float(p.speed[np.abs(p.s - middle) <= reach].min()) for p in passes]
     return max(float(np.quantile(slowest, DRIVEN)), 0.1)

@@ -8,6 +8,7 @@ trucks jerk between them, by a power of that excess which is measured too."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +76,6 @@ class Problem:
     settings: Settings
     rest: tuple[Hypothesis, ...]
     noise: Noise = field(init=False)  # What :meth:`learn` measured
-    _folds: dict[tuple[int, float], Ints] = field(default_factory=dict, init=False)
 
     def layout(self, hypotheses: Sequence[Hypothesis]) -> Layout:
         """Return the columns of the base and of hypotheses."""
@@ -84,29 +84,25 @@ class Problem:
         sources.sort(key=lambda s: isinstance(s, FieldSource) - isinstance(s, KnobSource))
         return lay_out(sources, [self.channel.width(s) for s in sources])
 
-    def folds(self, unit: Unit) -> Ints:
-        """Return the fold of every window of a unit, (W,), which is dealt once for all passes."""
-        if unit.key not in self._folds:
-            self._folds[unit.key] = self.split.fold(unit.windows)
-        return self._folds[unit.key]
+    def training(self, units: Iterable[Unit] | None = None) -> Iterator[Unit]:
+        """Yield units, by default all, with what is held out marked as not whole."""
+        for unit in self.channel.units() if units is None else units:
+            yield replace(unit, whole=unit.whole & (unit.fold != HELD_OUT))
 
-    def training(self) -> Iterator[Unit]:
-        """Yield the units with what is held out marked as not whole."""
-        for unit in self.channel.units():
-            yield replace(unit, whole=unit.whole & (self.folds(unit) != HELD_OUT))
+    def count(self, units: Iterable[Unit]) -> int:
+        """Return the number of windows of units that may be looked at."""
+        return sum(int(unit.whole.sum()) for unit in self.training(units))
 
-    def held_out(self) -> Iterator[Unit]:
-        """Yield what is held out of the units, whatever else hangs together with it marked as not whole."""
-        for unit in self.channel.units():
-            out = self.folds(unit) == HELD_OUT
+    def held_out(self, units: Iterable[Unit] | None = None) -> Iterator[Unit]:
+        """Yield what is held out of units, whatever else hangs together with it marked as not whole."""
+        for unit in self.channel.units() if units is None else units:
+            out = unit.fold == HELD_OUT
             if (unit.whole & out).any():
                 yield replace(unit, whole=unit.whole & out).part(out)
 
     def sampled(self, share: float) -> "Problem":
-        """Return the problem with a share of the trips; itself where the share is all."""
-        if share >= 1.0:
-            return self
-        return Problem(self.channel.sampled(self.split, share), self.split, self.settings, self.rest)
+        """Return the problem with a share of the trips in training, or all."""
+        return Problem(self.channel.sampled(share), self.split, self.settings, self.rest)
 
     def learn(self, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
         """Measure the noise by what the hypotheses leave, where it is not known."""
@@ -136,20 +132,23 @@ class Problem:
     def sums(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Sums:
         """Return the products of the columns of base and hypotheses about a model, over training windows."""
         self.learn(model, hypotheses)
-        layout = self.layout(hypotheses)
+        parts = self.channel.each(partial(self._summed, model, self.layout(hypotheses)))
+        return reduce(Sums.__add__, parts)
+
+    def _summed(self, model: Model, layout: Layout, units: Iterable[Unit]) -> Sums:
         sums = Sums.empty(layout, self.settings.folds, len(self.channel.fleet.vehicles))
-        for unit, modelled, x in self._tables(model, layout):
+        for unit, modelled, x in self._tables(model, layout, units):
             use, w = unit.whole, unit.windows[unit.whole]
             if len(w):
                 sums.add(
                     x[use], (unit.recorded - modelled)[use], unit.recorded[use], self.noise.weight(unit)[use],
-                    self.folds(unit)[use], self.split.slow_fold(w), w.vehicle,
+                    unit.fold[use], self.split.slow_fold(w), w.vehicle,
                 )  # fmt: skip
         sums.flush()
         return sums
 
-    def _tables(self, model: Model, layout: Layout) -> Iterator[Table]:
-        for unit in self.training():
+    def _tables(self, model: Model, layout: Layout, units: Iterable[Unit] | None = None) -> Iterator[Table]:
+        for unit in self.training(units):
             yield unit, *self.channel.columns(unit, model, layout.sources)
 
 
