@@ -19,7 +19,7 @@ from fleetlog.discovery.recording.conflicts import Route, hindered, on_road, rou
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.recording.turns import Seen, Turns, measure
+from fleetlog.discovery.recording.turns import CENTRE, Seen, Turns, measure
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 
@@ -40,7 +40,8 @@ class Path:
     node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane
     that belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at
     the node, neither for a purpose nor for another truck; ``kink`` (G,) curvature [1/m] that a truck would
-    take which follows the line of the map; ``behind`` (W,) whether another truck was in the way in a window,
+    take which follows the line of the map; ``across`` (G,) the limit [m/s] if that of junctions were the mean
+    of their roads'; ``behind`` (W,) whether another truck was in the way in a window,
     and ``apart`` (W,) whether it was, but whatever the truck stood for was not that: of a unit, where only
     the standing counts."""
 
@@ -52,6 +53,7 @@ class Path:
     took: Floats
     standing: Floats
     kink: NDArray[np.float32]
+    across: NDArray[np.float32]
     behind: Mask
     apart: Mask
 
@@ -207,8 +209,9 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     )  # fmt: skip
     of, share, standing = of.astype(np.int32), share.astype(np.float32), standing.astype(np.float32)
     kink = kinks(fleet.network, motion.edge, motion.edge_offset).astype(np.float32)
+    shared = across(limit, motion.edge, s, inside).astype(np.float32)
     apart = behind & ~astray & ~queued & (recorded > 0.0)
-    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, behind, apart)
+    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, shared, behind, apart)
     return path, windows, recorded, (recorded > 0.0) & ~behind & ~astray
 
 
@@ -218,6 +221,14 @@ def kinks(network: Network, edge: NDArray[Any], offset: Floats) -> Floats:
     before = network.segment(edge, offset)[0]
     near = [np.abs(offset - network.distance[v]) <= 0.5 * KINK for v in (before, before + 1)]
     return np.asarray(np.maximum(turn[before] * near[0], turn[before + 1] * near[1]) / KINK)
+
+
+def across(limit: Floats, edge: NDArray[Any], s: Floats, inside: Mask) -> Floats:
+    """(N,) limits of roads, but the mean of two where they meet."""
+    out = limit.copy()
+    for i in np.flatnonzero((np.diff(edge) != 0) & (np.diff(limit) != 0.0) & inside[1:]).tolist():
+        out[np.searchsorted(s, s[i] - CENTRE) : np.searchsorted(s, s[i] + CENTRE)] = limit[i : i + 2].mean()
+    return out
 
 
 def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: Floats) -> Floats:
