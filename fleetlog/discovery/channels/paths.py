@@ -235,18 +235,20 @@ def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits:
     """(G,) part of the passage of a lane that each step is; the parts of a passage add up to one.
 
     Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the
-    wait."""
+    wait.  Whoever sets off there goes on with the passage that ended there; without one, nothing is passed."""
     lane = lanes.at(motion)[0]
     begin = np.flatnonzero(~inside)
     run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1
-    passage, stop = np.arange(int(run[-1]) + 1), np.full(int(run[-1]) + 1, -1)
-    for k in range(len(begin) - 1):
-        start, end = begin[k + 1], begin[k + 1] - 1
-        if waits[k] > 0.0 and lane[start] == lane[end]:
+    count = int(run[-1]) + 1
+    passage, stop, passed = np.arange(count), np.full(count, -1), np.ones(count, bool)
+    passed[run[begin]] = False
+    for start, end, wait in zip(begin[1:], begin[1:] - 1, waits, strict=False):
+        if lane[start] == lane[end]:
             passage[run[start]] = passage[run[end]]
-            stop[passage[run[end]]] = end
+            if wait > 0.0:
+                stop[passage[run[end]]], passed[passage[run[end]]] = end, True
     of = passage[run]
-    share = step / np.maximum(np.bincount(of, step, len(passage)), 1e-9)[of]
+    share = np.where(passed[of], step / np.maximum(np.bincount(of, step, count), 1e-9)[of], 0.0)
     share[stop[of] >= 0] = 0.0
     share[stop[stop >= 0]] = 1.0
     return np.asarray(share)
