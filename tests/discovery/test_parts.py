@@ -246,7 +246,7 @@ def test_a_withheld_column_is_not_read(tmp_path: Path) -> None:
 
 
 def turn(angle: float, speed: float, length: float, corner: float) -> Turn:
-    return Turn(angle, 0.0, length, speed, 4.0, corner)
+    return Turn(angle, length, speed, 4.0, corner)
 
 
 @pytest.mark.parametrize("lateral", [0.4, 1.2, 2.5])

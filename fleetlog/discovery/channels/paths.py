@@ -17,7 +17,7 @@ from fleetlog.discovery.recording.blocks import TRIP, Windows, by_window, narrow
 from fleetlog.discovery.recording.conflicts import Route, hindered, on_road
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.recording.turns import Seen
+from fleetlog.discovery.recording.turns import CENTRE, Seen
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 
@@ -38,7 +38,8 @@ class Path:
     node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane
     that belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at
     the node, neither for a purpose nor for another truck; ``kink`` (G,) curvature [1/m] that a truck would
-    take which follows the line of the map; ``behind`` (W,) whether another truck was in the way in a window,
+    take which follows the line of the map; ``across`` (G,) the limit [m/s] if that of junctions were the mean
+    of their roads'; ``behind`` (W,) whether another truck was in the way in a window,
     and ``apart`` (W,) whether it was, but whatever the truck stood for was not that: of a unit, where only
     the standing counts."""
 
@@ -50,6 +51,7 @@ class Path:
     took: Floats
     standing: Floats
     kink: NDArray[np.float32]
+    across: NDArray[np.float32]
     behind: Mask
     apart: Mask
 
@@ -196,8 +198,9 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     )  # fmt: skip
     of, share, standing = of.astype(np.int32), share.astype(np.float32), standing.astype(np.float32)
     kink = kinks(fleet.network, motion.edge, motion.edge_offset).astype(np.float32)
+    shared = across(limit, motion.edge, s, inside).astype(np.float32)
     apart = behind & ~astray & ~queued & (recorded > 0.0)
-    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, behind, apart)
+    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, shared, behind, apart)
     return path, windows, recorded, (recorded > 0.0) & ~behind & ~astray
 
 
@@ -209,22 +212,32 @@ def kinks(network: Network, edge: NDArray[Any], offset: Floats) -> Floats:
     return np.asarray(np.maximum(turn[before] * near[0], turn[before + 1] * near[1]) / KINK)
 
 
+def across(limit: Floats, edge: NDArray[Any], s: Floats, inside: Mask) -> Floats:
+    """(N,) limits of roads, but the mean of two where they meet."""
+    out = limit.copy()
+    for i in np.flatnonzero((np.diff(edge) != 0) & (np.diff(limit) != 0.0) & inside[1:]).tolist():
+        out[np.searchsorted(s, s[i] - CENTRE) : np.searchsorted(s, s[i] + CENTRE)] = limit[i : i + 2].mean()
+    return out
+
+
 def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: Floats) -> Floats:
     """(G,) part of the passage of a lane that each step is; the parts of a passage add up to one.
 
     Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the
-    wait."""
+    wait.  Who sets off there goes on with the passage that ended there; without one, nothing is passed."""
     lane = lanes.at(motion)[0]
     begin = np.flatnonzero(~inside)
     run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1
-    passage, stop = np.arange(int(run[-1]) + 1), np.full(int(run[-1]) + 1, -1)
-    for k in range(len(begin) - 1):
-        start, end = begin[k + 1], begin[k + 1] - 1
-        if waits[k] > 0.0 and lane[start] == lane[end]:
+    count = int(run[-1]) + 1
+    passage, stop, passed = np.arange(count), np.full(count, -1), np.ones(count, bool)
+    passed[run[begin]] = False
+    for start, end, wait in zip(begin[1:], begin[1:] - 1, waits, strict=False):
+        if lane[start] == lane[end]:
             passage[run[start]] = passage[run[end]]
-            stop[passage[run[end]]] = end
+            if wait > 0.0:
+                stop[passage[run[end]]], passed[passage[run[end]]] = end, True
     of = passage[run]
-    share = step / np.maximum(np.bincount(of, step, len(passage)), 1e-9)[of]
+    share = np.where(passed[of], step / np.maximum(np.bincount(of, step, count), 1e-9)[of], 0.0)
     share[stop[of] >= 0] = 0.0
     share[stop[stop >= 0]] = 1.0
     return np.asarray(share)

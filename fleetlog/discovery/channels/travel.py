@@ -37,10 +37,11 @@ SCATTER = 0.5  # Of waits, as a share of their mean, by what counts as one passa
 GATHERS = 2.5  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
 ERRORS = (
     ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25),
-    ErrorSource("kinks", 0.5),
+    ErrorSource("kinks", 0.5), ErrorSource("limits", 0.5),
 )  # fmt: skip
-"""Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each]; and how
-far trucks follow the kinks of the map's line no positions show (0: they drive curves, 1: every kink)."""
+"""Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each].  How far
+trucks follow the kinks of the map's line no positions show (0: they drive curves, 1: every kink), nor where
+about a junction one limit gives way to the next (0: where the lines meet, 1: their mean holds all across)."""
 Told = tuple[list[tuple[Way, Pass]], Floats]
 STEP = 0.02  # Finite differences, as a share of a parameter's range
 
@@ -122,8 +123,8 @@ class TravelAbout(About):
         return total
 
     def _error(self, source: ErrorSource) -> Floats:
-        if source.name == "kinks":
-            return self._along_kinks()[:, None]
+        if source.name in ("kinks", "limits"):
+            return self._otherwise(source.name == "kinks")[:, None]
         step = np.diff(self.own.s, prepend=self.own.s[:1])
         pace = np.where(self.own.inside, self.seconds / np.maximum(step, 1e-9), 0.0)
         inside, last = self.own.inside, self.own.last
@@ -131,13 +132,14 @@ class TravelAbout(About):
         which = {"setting off": ~inside, "stopping": last, "slowing down": dip & ~last}[source.name]
         return self.own.summed(which.astype(float))[:, None]
 
-    def _along_kinks(self) -> Floats:
-        """(W,) seconds that following every kink of the map's line adds."""
-        if not self.own.kink.any():
+    def _otherwise(self, kinks: bool) -> Floats:
+        """(W,) seconds that following every kink of the map's line adds, or sharing limits at junctions."""
+        motion, limit = self.own.motion, self.own.across
+        if not (self.own.kink.any() if kinks else (limit != motion.speed).any()):
             return np.zeros(self.own.count)
-        bend = np.maximum(np.abs(self.own.motion.curvature), self.own.kink)
-        path = replace(self.own, motion=self.own.motion.replaced(curvature=bend))
-        return self.own.summed(drive_times(path, self.physics)[0] - self.seconds)
+        bend = np.maximum(np.abs(motion.curvature), self.own.kink)
+        other = motion.replaced(curvature=bend) if kinks else motion.replaced(speed=limit)
+        return self.own.summed(drive_times(replace(self.own, motion=other), self.physics)[0] - self.seconds)
 
 
 @dataclass

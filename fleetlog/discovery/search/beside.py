@@ -201,7 +201,7 @@ def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells:
     evident = 2.0 * problem.noise.design * (problem.settings.parameter + 5.0)
     passes = problem.channel.passes(h.physics)
     share = passes / max(float(passes.sum()), 1.0)
-    material = max(problem.settings.material, problem.channel.model_error) ** 2 * sums.energy
+    material = max(problem.settings.material, problem.channel.place_error) ** 2 * sums.energy
     plausible = h.physics.parameters[0].plausible
     # What is near a junction alone is not told from how the junction is crossed; but waits are often there.
     near = 0.0 if h.physics.acts == "wait" else REACH
