@@ -70,6 +70,7 @@ def diagnose(
         for own, result in zip(tasks, results, strict=True):
             progress(_name(own))
             judged[_name(own)] = explain(own, base, result)
+            own.sample.channel.put_back()
     explained = {c.name: judged[c.name] for c in found}
     return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, fleet)
 
