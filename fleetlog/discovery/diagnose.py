@@ -63,12 +63,15 @@ def diagnose(
     if not found:
         raise DataError("no channel to judge", do="record power, state of charge, or positions on a road map")
     lay_out(found)
-    tasks = [task(channel, split, settings) for channel in found]
-    explained: dict[str, Explained] = {}
+    # The longest search comes last: what the others found is judged beside it.
+    tasks = [task(channel, split, settings) for channel in reversed(found)]
+    judged: dict[str, Explained] = {}
     with closing(engines.current().run(partial(searched, base, tuple(terms)), tasks, _name)) as results:
         for own, result in zip(tasks, results, strict=True):
             progress(_name(own))
-            explained[_name(own)] = explain(own, base, result)
+            judged[_name(own)] = explain(own, base, result)
+            own.sample.channel.put_back()
+    explained = {c.name: judged[c.name] for c in found}
     return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, fleet)
 
 

@@ -6,13 +6,20 @@ import json
 import pickle
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from fleetlog import engines
 from fleetlog.cli.main import cli as fleetlog
+from fleetlog.core.truck import load_truck
+from fleetlog.discovery.diagnose import diagnose
 from fleetlog.discovery.recording.shelf import Shelf
+from fleetlog.discovery.settings import SETTINGS
+from fleetlog.store import Dataset
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "blind"))
 
@@ -83,3 +90,18 @@ def test_a_number_that_is_not_needed_goes_without_the_effect_of_its_pair(recorde
     found = {f["term"]: f for f in json.loads(diagnosed(recorded, "pair"))["findings"]}
     assert found.keys() == {"laden_speed", "cornering_speed"}
     assert [p["name"] for p in found["laden_speed"]["parameters"]] == ["factor"]
+
+
+def test_a_sample_of_a_large_recording_is_searched_alike_by_any_number_of_workers(recorded: Path) -> None:
+    """What is found on a part of the trips is fitted to all of them."""
+
+    def told(workers: int) -> dict[str, Any]:
+        with engines.using(workers):
+            truck = load_truck(recorded / "truck.toml")
+            few = replace(SETTINGS, sample=600)
+            return diagnose(Dataset(recorded / "data"), truck, settings=few).verdict.document()
+
+    alone = told(1)
+    assert told(2) == alone
+    assert alone["verdict"] == "found"
+    assert all(c["after"] is not None for c in alone["channels"])

@@ -188,6 +188,10 @@ class Channel(ABC):
             self._held = list(whole.units()) if self.share >= 1.0 else self._drawn(whole, self.share)
         return self._held
 
+    def put_back(self) -> None:
+        """Keep nothing of a sample in memory."""
+        self._held = []
+
     def _drawn(self, whole: "Channel", share: float) -> list[Unit]:
         if not self.shelf.has(SAMPLE):
             by_vehicle: dict[int, list[Unit]] = {}

@@ -64,7 +64,7 @@ class Fleet:
 
     def each(self, work: Callable[[int], R]) -> Iterator[R]:
         """Yield what a function makes of every date, in their order, on the engine in use."""
-        yield from _each(work, self.dates, self.rows)
+        yield from _each(work, self.dates, self.rows, lambda date: f"date={np.datetime64(date, 'D')}")
 
     def on(self, date: int) -> Iterator[tuple[int, Day]]:
         """Yield the vehicle-days of a date with their numbers."""
@@ -147,9 +147,9 @@ def read_fleet(data: Dataset, truck: Truck, site: Site | None = None, without: S
     network = (site or data.site).network
     vehicles, every = tuple(data.vehicles), 1 << max(0, (data.rows // EVENLY).bit_length() - 1)
     asked = list(itertools.product(range(len(vehicles)), data.dates))
-    days = [
-        d for d in _each(partial(_day, data, columns, vehicles, every), asked, data.rows) if d is not None
-    ]
+    work = partial(_day, data, columns, vehicles, every)
+    found = _each(work, asked, data.rows, lambda day: data.folder_of(vehicles[day[0]], day[1]))
+    days = [d for d in found if d is not None]
     if not days:
         raise DataError("no vehicle has rows with a speed", do="import logs that carry speed or positions")
     weighed = {d.vehicle for d in days if "payload" in d.known}
@@ -168,9 +168,9 @@ def far_apart(count: int) -> Ints:
     return np.argsort(np.arange(count) * GOLDEN % 1.0)
 
 
-def _each(work: Callable[[J], R], jobs: Sequence[J], rows: int) -> Iterator[R]:
+def _each(work: Callable[[J], R], jobs: Sequence[J], rows: int, name: engines.Name[J]) -> Iterator[R]:
     engine = engines.current() if engines.current().pays(ROW_COST * rows) else engines.Engine()
-    with closing(engine.run(work, jobs)) as made:
+    with closing(engine.run(work, jobs, name)) as made:
         yield from made
 
 
