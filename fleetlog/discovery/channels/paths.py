@@ -224,7 +224,7 @@ def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits:
     """(G,) part of the passage of a lane that each step is; the parts of a passage add up to one.
 
     Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the
-    wait.  Who sets off there goes on with the passage that ended there; without one, nothing is passed."""
+    wait.  Whoever sets off there goes on with the passage that ended there, or passes nothing."""
     lane = lanes.at(motion)[0]
     begin = np.flatnonzero(~inside)
     run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1
