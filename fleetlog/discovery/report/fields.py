@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import Floats, Indices, Ints, Mask
 from fleetlog.discovery.hypotheses.cells import LARGE, Cells, Squares, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import field_values
@@ -96,7 +95,7 @@ def extent(middle: Floats) -> list[float]:
     return [*middle.min(axis=0).tolist(), *middle.max(axis=0).tolist()]
 
 
-def row(cells: Stretches, run: NDArray[np.intp], value: float, low: float, high: float) -> dict[str, Any]:
+def row(cells: Stretches, run: Indices, value: float, low: float, high: float) -> dict[str, Any]:
     """Return what holds on a run of stretches, as the contract writes it."""
     return {
         "edge_id": cells.network.edge_ids[cells.road_edge[run[0]]], "from": float(cells.start[run[0]]),
