@@ -54,6 +54,20 @@ def test_weights_are_the_inverse_of_the_variance_that_was_put_in() -> None:
     assert one == pytest.approx(1.0, rel=0.2)
 
 
+def test_noise_is_no_less_where_the_freest_model_has_a_column_for_every_window() -> None:
+    """Windows that it has seen a fit with as many columns follows; of one that it has not it knows nothing."""
+    count = np.arange(300)
+    level = np.full(300, 40.0)
+    windows = Windows(
+        trip=count, vehicle=np.zeros(300, int), day=np.zeros(300, int), edge=count, duration=np.full(300, 10.0),
+        distance=np.full(300, 20.0), x=level, y=level, time=count * 10.0,
+    )  # fmt: skip
+    recorded, whole = level + np.random.default_rng(1).normal(0.0, 2.0, 300), np.ones(300, bool)
+    unit = Unit(windows, recorded, whole, np.zeros(300), level, np.ones(300), None)
+    noise = learn([(unit, level, np.eye(300, dtype=np.float32))], SETTINGS, 0.0, lambda w: w.trip)
+    assert np.mean(1.0 / noise.plain(unit)) > 3.0
+
+
 def _single(swing: float) -> Unit:
     w = Windows(*(np.array([v]) for v in (0, 0, 0, 0, 10.0, 20.0, 0.0, 0.0, 0.0)))
     return Unit(

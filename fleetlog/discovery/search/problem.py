@@ -28,7 +28,7 @@ RIDGE = 0.02  # Ridge of the freest model, as a share of each column's own squar
 HUBER = 4.0  # Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)
 MEDIAN = 2.198  # The mean square of a normal variable over the median of its square
 FEWEST = 5
-LESS = 0.5  # Of a variance: what is not told from it by medians of a hundred windows is three times nearer
+LESS = 0.5  # Of the losses that noise leads to expect; medians of a hundred windows tell it to a seventh
 EXPONENTS = np.linspace(0.0, 2.0, 9)
 """Of the scatter of rows in windows' variance: 0 where rows telescope, 2 where each errs by itself."""
 
@@ -110,15 +110,14 @@ class Problem:
             self.noise = self._measured(model, hypotheses)
 
     def learn_anew(self, model: Model, hypotheses: Sequence[Hypothesis], lost: float) -> bool:
-        """Measure the noise about a model, and return whether it is less: where that model has ``lost`` [nat]
-        far less on unseen trips than the noise that was measured before."""
+        """Measure the noise about a model if it has ``lost`` [nat] far less on unseen trips than the noise
+        allows, and return whether that is so. Of what a free curve says only the outline is known: what that
+        misses is no noise, but nobody's evidence either."""
+        named = all(h.term for h in hypotheses) and self.channel.bends
         count = sum(int(unit.whole.sum()) for unit in self.training())
-        if not self.channel.bends or 2.0 * self.noise.design * lost > LESS * count:
-            return False
-        new, now = self._measured(model, [*self.rest, *hypotheses]), self.noise
-        less = bool(np.median(new.variance) < np.median(now.variance))
-        self.noise = new if less else now
-        return less
+        if far := named and 2.0 * self.noise.design * lost < LESS * count:
+            self.noise = self._measured(model, [*self.rest, *hypotheses])
+        return far
 
     def _measured(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Noise:
         layout = self.layout(hypotheses)
