@@ -73,9 +73,8 @@ def truck() -> str:
 def terms() -> str:
     """The physics terms."""
     out = [
-        MADE
-        + "# Physics terms\n\nA term with a formula is one file in `fleetlog/physics/terms/`, and so is a "
-        "term of your own; the others stand in `plain.toml` there.\n"
+        MADE + "# Physics terms\n\nThe terms stand in `fleetlog/physics/terms/terms.toml`, their formulas in "
+        "`fleetlog/physics/formulas.py`. A term of your own is one file; see [Extend fleetlog](../extend.md).\n"
     ]
     for name, term in sorted(all_terms().items()):
         law = " ".join((term.function.__doc__ or "").split()) if term.function else term.law

@@ -1,15 +1,17 @@
 """A folder is a list of parts.
 
 Every importer, map format, physics term, analysis and exporter is one module of a package; the module holds
-one object under an agreed name (``IMPORTER``, ``READER``, ``TERM``, ``ANALYSIS``, ``EXPORTER``).  Adding a
-part is adding a file.  Other distributions add parts through entry points of the group ``fleetlog.<package>``
-(for example ``fleetlog.physics.terms``), each naming such an object.
+one object under an agreed name: ``IMPORTER``, ``READER``, ``TERM``, of an exporter the function ``write``, of
+an analysis the function of the module's name.  Adding a part is adding a file.  Other distributions add parts
+through entry points of the group ``fleetlog.<package>`` (for example ``fleetlog.physics.terms``), each naming
+such an object.
 """
 
 import ast
 import importlib
 import importlib.util
 import pkgutil
+import re
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -26,11 +28,11 @@ def part_names(package: str) -> list[str]:
 
 @cache
 def parts(package: str, attribute: str) -> dict[str, Any]:
-    """All parts of ``package``: the object ``attribute`` of every module that has one, then entry points. The
-    name of a part is its ``name`` attribute, or the module's where it has none."""
+    """All parts of ``package``: the object ``attribute`` (empty: that of the module's name) of every module
+    that has one, then entry points. The name of a part is its ``name`` attribute, else the module's."""
     found: dict[str, Any] = {}
     for module_name in part_names(package):
-        part = getattr(importlib.import_module(f"{package}.{module_name}"), attribute, None)
+        part = getattr(importlib.import_module(f"{package}.{module_name}"), attribute or module_name, None)
         if part is not None:
             found[getattr(part, "name", module_name)] = part
     for entry in _entries(package):
@@ -42,7 +44,7 @@ def parts(package: str, attribute: str) -> dict[str, Any]:
 def part(package: str, attribute: str, name: str) -> Any:
     """The part called ``name``, importing no other one; KeyError where there is none."""
     if name in part_names(package):
-        return getattr(importlib.import_module(f"{package}.{name}"), attribute)
+        return getattr(importlib.import_module(f"{package}.{name}"), attribute or name)
     entry = next((e for e in _entries(package) if e.name == name), None)
     return parts(package, attribute)[name] if entry is None else _load(entry)
 
@@ -74,7 +76,7 @@ def _load(entry: EntryPoint) -> Any:
 def part_lines(package: str, attribute: str) -> dict[str, str]:
     """Every part by name with the first sentence of its module's docstring, importing none of them."""
     lines = {e.name: _sentence(e.module, "") or "" for e in _entries(package)}
-    own = {m: _sentence(f"{package}.{m}", attribute) for m in part_names(package)}
+    own = {m: _sentence(f"{package}.{m}", attribute or m) for m in part_names(package)}
     return lines | {name: line for name, line in own.items() if line is not None}
 
 
@@ -88,6 +90,6 @@ def _sentence(module: str, attribute: str) -> str | None:
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         return None
     source = Path(spec.origin).read_text(encoding="utf-8")
-    if attribute and f"\n{attribute}" not in source and f"\ndef {attribute}" not in source:
+    if attribute and not re.search(rf"^(def )?{attribute}\b", source, re.MULTILINE):
         return None
     return " ".join((ast.get_docstring(ast.parse(source)) or "").split("\n\n")[0].split())

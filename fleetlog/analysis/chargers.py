@@ -149,6 +149,3 @@ def _check_bars(check: dict[str, Any]) -> list[Shape]:
             ("tasks_done", done, "share of the tasks [%]"),
         )
     ]
-
-
-ANALYSIS = chargers

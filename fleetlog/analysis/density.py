@@ -12,7 +12,7 @@ from fleetlog.analysis.clusters import episodes as of
 from fleetlog.analysis.clusters.episodes import BIN, PLACES, Watched, episodes
 from fleetlog.analysis.clusters.steps import Crowds, Rule, as_figures, find_crowds, together
 from fleetlog.core.arguments import Between
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import HOUR, Floats, Ints, microseconds
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.words import count, percent
@@ -22,7 +22,6 @@ from fleetlog.store.dataset import ALONE
 from fleetlog.store.days import Part, each_day, each_part
 from fleetlog.store.trips import STANDING_SPEED
 
-HOUR = 3_600_000_000
 HOURS = (6, 4, 3, 2, 1)  # Of a day that one job looks at: the most with no more than ``STEPS`` of all trucks
 STEPS = 2_000_000
 ROW_COST = 2e-6
@@ -53,7 +52,7 @@ def density(
     if dataset.alone:
         raise DataError(ALONE, do="simulate with --together")
     rule = Rule(threshold, speed, round(step * 1e6), include_standing)
-    first, last = (us(str(dataset.meta[k]).rstrip("Z")) for k in ("start", "end"))
+    first, last = dataset.span or (0, -1)
     # The time grid counts from 1970: no added day shifts it.
     first, quiet = first // rule.step * rule.step, _silent(dataset)
     watched = Watched(tuple(dataset.vehicles), first, last + 1, rule.step, quiet)
@@ -97,11 +96,6 @@ def _silent(dataset: Dataset) -> int:
     return int(gap[gap > SILENCE].sum())
 
 
-def us(time: str) -> int:
-    """A time in UTC as microseconds since 1970."""
-    return int(np.datetime64(time, "us").astype(np.int64))
-
-
 def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:
     """The time grid in jobs of some hours of one day; each reads the whole day, and the days beside it."""
     steps = len(watched.vehicles) * HOUR / watched.step
@@ -110,7 +104,7 @@ def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:
         near = [str(np.datetime64(date, "D") + k) for k in (-1, 0, 1)]
         reads = tuple((v, d) for v, d in dataset.vehicle_days if d in near)
         for hour in range(0, 24, hours):
-            begin = us(date) + hour * HOUR
+            begin = microseconds(date) + hour * HOUR
             start = max(-(-begin // watched.step) * watched.step, watched.start)
             stop = min(begin + hours * HOUR, watched.stop)
             if start < stop:
@@ -245,6 +239,3 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
             f"{count(row.vehicles, 'truck')}"
         )
     return out
-
-
-ANALYSIS = density

@@ -18,6 +18,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 from fleetlog.physics.battery import BatteryModel, battery_of
+from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.power import Physics, cause
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
@@ -91,8 +92,6 @@ def _vehicle_day(
     _sources: Sequence[str],
 ) -> list[Book]:  # fmt: skip
     """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
-    from fleetlog.physics.motion import measured_channels, reconstruct
-
     books = []
     for piece in dataset.pieces(vehicle, date, COLUMNS):
         if len(piece) > 1:
@@ -169,6 +168,3 @@ def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> list[Shape]:
         both = {name: np.where(known, v, np.nan) for name, v in pair.items()}
         out.append(Series("power", middle, both, *axes, over_time=True))
     return out
-
-
-ANALYSIS = energy

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.utilisation import charging
 from fleetlog.calibrate.fit import UNKNOWNS
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import HOUR, Floats, Indices
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
@@ -22,7 +21,6 @@ from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import measured_power
 from fleetlog.physics.power import Physics, all_terms, battery_power, cell_power, ledger, term_forces
 
-HOUR = 3_600_000_000
 STRETCH = 10.0  # Length of the stretches of road that are told apart [m]
 BIN = 60_000_000  # Step of the power ledger over time [us]
 Columns = dict[str, Any]
@@ -131,13 +129,13 @@ def _by_stretch(motion: Motion, joules: Floats, metres: Floats) -> Columns:
     return dict(zip(("edge", "number", "joules", "metres"), (edge, number, *sums), strict=True))
 
 
-def _reduced(rows: dict[str, Floats], starts: NDArray[np.intp]) -> Columns:
+def _reduced(rows: dict[str, Floats], starts: Indices) -> Columns:
     """Sums over the segments that begin at ``starts``."""
     return {name: np.add.reduceat(row, starts) for name, row in rows.items()}
 
 
 def _cells(
-    starts: NDArray[np.intp], power: Floats, dt: Floats, soc: Floats, temperature: Floats,
+    starts: Indices, power: Floats, dt: Floats, soc: Floats, temperature: Floats,
     battery: BatteryModel,
 ) -> Columns:  # fmt: skip
     """Discharge the battery segment by segment, from the charge in the log, or from full if there is none."""

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
+from scipy.ndimage import gaussian_filter
 
 from fleetlog.analysis import occupancy as maps
 from fleetlog.analysis.occupancy import Grouping, HeatMap, Quantity
@@ -64,8 +65,6 @@ def heatmap(
 
 
 def _drawn(name: str, m: HeatMap, quantity: Quantity, smooth: float) -> Grid:
-    from scipy.ndimage import gaussian_filter
-
     c = m.cells
     blurred = gaussian_filter(m.grid, (0.0, smooth / c.cell, smooth / c.cell), mode="constant")
     values = maps.values(blurred, quantity, c.cell * c.cell)
@@ -166,6 +165,3 @@ def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple
     mask = np.zeros(observed.size, np.bool_)
     mask[seen] = false_discovery_control(2 * norm.sf(z)) <= 0.05
     return observed, mask.reshape(observed.shape)
-
-
-ANALYSIS = heatmap

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.arrays import Floats, Mask
@@ -135,8 +136,6 @@ def _gridded(t: Trajectory) -> pd.DataFrame:
 
 def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, width: float) -> Floats:
     """(n, RAW) moments in which two trucks are on a collision course."""
-    from scipy.spatial import cKDTree
-
     if len(f) < 2:
         return np.zeros((0, len(RAW)))
     v, step, speed = (f[c].to_numpy() for c in ("vehicle", "step", "speed"))
@@ -224,6 +223,3 @@ def _events(found: Floats, names: list[str]) -> pd.DataFrame:
         "closing_speed": worst["closing"].to_numpy(), "x": worst["x"].to_numpy(), "y": worst["y"].to_numpy(),
     }, columns=list(TABLE))  # fmt: skip
     return out.sort_values(["start", "vehicle_a", "vehicle_b"], ignore_index=True)
-
-
-ANALYSIS = near_misses

@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import HOUR, Floats, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
-from fleetlog.store.trips import STANDING_SPEED
+from fleetlog.store.trips import MIN_LOAD_CHANGE, STANDING_SPEED
 
 LAYERS = ("time", "distance", "energy", "standing", "passages", "energy_time")
 Quantity = Literal["occupancy", "passages", "speed", "energy", "standing"]
@@ -22,11 +22,9 @@ LABELS = {
     "occupancy": "time [s/m²]", "passages": "passages", "speed": "mean speed [m/s]",
     "energy": "energy [kJ/m²]", "standing": "standing time [s/m²]",
 }  # fmt: skip
-HOUR = 3_600_000_000
 MAX_GAP = 15.0
 STRETCH = 5.0
 MAX_CELLS = 25_000_000
-LADEN = 25.0
 
 COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")
 ROW_COST = 1e-6  # What the sums of a row cost [s]
@@ -35,8 +33,8 @@ Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Cells:
-    """The frame of a map: south-west corner [m], cell size [m], rows, columns."""
+class Raster:
+    """The raster of a map: south-west corner [m], cell size [m], rows, columns."""
 
     x0: float
     y0: float
@@ -53,7 +51,7 @@ class Cells:
 class HeatMap:
     """Sums per cell (6, rows, columns) and stretch (6, bins); ``units``: cells, their time by vehicle-day."""
 
-    cells: Cells
+    cells: Raster
     grid: Floats
     edges: Floats
     units: list[tuple[Ints, Floats]]
@@ -103,20 +101,20 @@ def by_name(layers: Floats) -> dict[str, Floats]:
     return named | {"energy": np.where(named["energy_time"] > 0, named["energy"], np.nan)}
 
 
-def cells_of(extents: list[Box], cell: float) -> Cells:
+def cells_of(extents: list[Box], cell: float) -> Raster:
     """Whole cells around all extents (xmin, ymin, xmax, ymax)."""
     low = np.floor(np.min([e[:2] for e in extents], axis=0) / cell - 1) * cell
     high = np.ceil(np.max([e[2:] for e in extents], axis=0) / cell + 1) * cell
     columns, rows = (int(n) for n in np.round((high - low) / cell))
     if rows * columns > MAX_CELLS:
         raise DataError(f"{rows} x {columns} cells are too many", do="choose a larger --cell")
-    return Cells(float(low[0]), float(low[1]), cell, rows, columns)
+    return Raster(float(low[0]), float(low[1]), cell, rows, columns)
 
 
 def extent(dataset: Dataset) -> Box:
     """xmin, ymin, xmax, ymax of the positions and the roads [m]."""
     boxes = [] if dataset.site.network is None else [dataset.site.network.extent]
-    boxes += [b for b in each_day(dataset, _box, kinds=(Cells,), cost=0.2e-6) if b is not None]
+    boxes += [b for b in each_day(dataset, _box, kinds=(Raster,), cost=0.2e-6) if b is not None]
     if not boxes:
         raise DataError("the dataset has no positions", do="import logs with positions")
     low, high = np.min([b[:2] for b in boxes], axis=0), np.max([b[2:] for b in boxes], axis=0)
@@ -149,17 +147,17 @@ def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> Mask:
         use &= (hour >= first) & (hour < last) if first < last else (hour >= first) | (hour < last)
     if state != "all":
         payload = t.floats("payload")
-        use &= payload > LADEN if state == "laden" else payload <= LADEN
+        use &= payload > MIN_LOAD_CHANGE if state == "laden" else payload <= MIN_LOAD_CHANGE
     return use
 
 
-def compute(dataset: Dataset, cells: Cells, **chosen: Any) -> HeatMap:
+def compute(dataset: Dataset, cells: Raster, **chosen: Any) -> HeatMap:
     """The sums of a dataset over given cells; what is ``chosen`` as in :func:`compute_by`."""
     return compute_by(dataset, cells, None, **chosen).get("all", _empty(dataset, cells))
 
 
 def compute_by(
-    dataset: Dataset, cells: Cells, by: Grouping | None, hours: tuple[int, int] | None = None,
+    dataset: Dataset, cells: Raster, by: Grouping | None, hours: tuple[int, int] | None = None,
     vehicles: tuple[str, ...] = (), state: str = "all",
 ) -> dict[str, HeatMap]:  # fmt: skip
     """One map a group, in one pass over the rows; the groups' maps add up to the map of all."""
@@ -171,7 +169,7 @@ def compute_by(
     return dict(sorted(out.items()))
 
 
-def _empty(dataset: Dataset, cells: Cells) -> HeatMap:
+def _empty(dataset: Dataset, cells: Raster) -> HeatMap:
     bins = int(stretches(dataset.site.network)[-1])
     return HeatMap(cells, np.zeros((6, cells.rows, cells.columns)), np.zeros((6, bins)), [])
 
@@ -189,7 +187,7 @@ def _patches(
     return {name: _patch(t, rows, cells, dataset.site.network) for name, rows in groups.items() if rows.any()}
 
 
-def _patch(t: Trajectory, use: Mask, c: Cells, network: Network | None) -> Patch:
+def _patch(t: Trajectory, use: Mask, c: Raster, network: Network | None) -> Patch:
     from fleetlog.analysis.kernels import accumulate
 
     grid = np.zeros((c.rows, c.columns, 6)).transpose(2, 0, 1)  # all of a cell lies together

@@ -97,6 +97,3 @@ def _events(t: Trajectory, site: Site, margin: float) -> tuple[list[tuple[Any, .
         figures = dt[a:b].sum(), speed[a:b].max(), limit[k]
         rows.append((t.vehicle_id, t.time[a], t.time[min(b, len(t) - 1)], *figures, place, x[k], y[k]))
     return rows, driven
-
-
-ANALYSIS = speeding

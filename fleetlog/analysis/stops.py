@@ -74,6 +74,3 @@ def site_text(places: Sequence[Place]) -> str:
     """The places as ``[[place]]`` tables of a site file."""
     table = '[[place]]\nid = "{0.id}"\nkind = "{0.kind}"\nx = {0.x:.2f}\ny = {0.y:.2f}'
     return "\n".join(map(table.format, places))
-
-
-ANALYSIS = stops

@@ -18,8 +18,7 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.core.arrays import Floats, Mask
-from fleetlog.core.schema import anything, list_of, load_toml, one_of, real, table, text, whole
-from fleetlog.errors import InputError
+from fleetlog.core.schema import anything, list_of, load_toml, one_of, real, rows, table, text, whole
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MONEY, CARBON = real(-100.0, 1e6, "per kWh"), real(0.0, 10.0, "kg per kWh")
@@ -54,11 +53,7 @@ def load_tariff(path: str | Path) -> Tariff:
     path = Path(path)
     top = table(load_toml(path), TOP, path, "", ("price",))
     price, co2 = np.full((7, 24), top["price"]), np.full((7, 24), top.get("co2", np.nan))
-    periods = top.get("period", [])
-    if not isinstance(periods, list):
-        raise InputError("is not a list of tables", where=path, place="period", do="write [[period]]")
-    for number, row in enumerate(periods, start=1):
-        one = table(row, PERIOD, path, f"period {number}", ("from", "to", "price"))
+    for one in rows(top, "period", PERIOD, path, ("from", "to", "price")):
         hours = _hours(one["from"], one["to"], [DAYS.index(d) for d in one.get("days", DAYS)])
         price[hours] = one["price"]
         if "co2" in one:

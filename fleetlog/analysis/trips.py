@@ -11,6 +11,7 @@ from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.store import Dataset
+from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 JOULES = 3600.0
 NEAR = 8.0  # Trip ends this close to a place are at it [m]
@@ -46,7 +47,7 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
         "energy_wh": float(energy[known].sum()) if known.any() else None,
         "energy_wh_per_km": float(energy[known].sum() / km) if km > 0.0 else None,
         "trips_charged": int(charged.sum()),
-        "laden_share": float(np.mean(payload > 25.0)) if len(payload) else None,
+        "laden_share": float(np.mean(payload > MIN_LOAD_CHANGE)) if len(payload) else None,
     }  # fmt: skip
     pairs = real.groupby(["from_place", "to_place"], as_index=False).agg(
         trips=("distance", "size"), distance_mean=("distance", "mean"), duration_mean=("duration", "mean"),
@@ -109,6 +110,3 @@ def _places(dataset: Dataset, table: pd.DataFrame, end: str) -> list[str]:
     gap = np.hypot(*(xy[:, None] - spots).transpose(2, 0, 1))
     best = np.nan_to_num(gap, nan=np.inf).argmin(axis=1)
     return [places[k].id if gap[i, k] <= NEAR else "" for i, k in enumerate(best)]
-
-
-ANALYSIS = trips

@@ -193,6 +193,3 @@ def quarters(table: pd.DataFrame) -> pd.DataFrame:
     low = np.maximum(start[row], (start[row] // QUARTER + step) * QUARTER)
     high = np.minimum(end[row], (start[row] // QUARTER + step + 1) * QUARTER)
     return table.iloc[row].reset_index(drop=True).assign(start=stamps(low), end=stamps(high))
-
-
-ANALYSIS = utilisation

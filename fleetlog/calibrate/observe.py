@@ -15,6 +15,7 @@ from fleetlog.core.motion import Motion, join
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.physics.cycles import VDI_SPEED, Piece, legs, lift, run, vdi_pieces
+from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.power import Physics, battery_power, ledger, term_forces
 from fleetlog.store.dataset import Dataset
 
@@ -247,8 +248,6 @@ def observations(path: Path, physics: Physics) -> Observations:
 
 def of_dataset(dataset: Dataset, physics: Physics) -> Observations:
     """The energy of every window of a recording; see :func:`of_motion`."""
-    from fleetlog.physics.motion import measured_channels, reconstruct
-
     pieces = []
     for number, vehicle in enumerate(dataset.vehicles):
         rows = measured_channels(dataset.read(vehicle), dataset.meta)

@@ -6,7 +6,7 @@ import numpy as np
 
 from fleetlog.calibrate.fit import CONFIDENCE, Blind, Combination, Estimate, Fit
 from fleetlog.core.truck import truck_to_dict
-from fleetlog.core.words import percent
+from fleetlog.core.words import count, listed, percent
 
 STRONG = 0.5  # Correlations from this on are worth a word
 
@@ -15,9 +15,9 @@ def blind_line(blind: Blind) -> str:
     """What the runs cannot tell, and which run would."""
     held, need = blind.held.words, f"add {blind.held.run}"
     if not blind.companions:
-        return f"these runs say {'too little' if blind.weak else 'nothing'} of {held}: {need}"
-    names = ", ".join(u.words for u, _ in blind.companions)
-    return f"{names} and {held} cannot be told apart from these runs: {need}"
+        return f"These runs show {'too little' if blind.weak else 'nothing'} of {held}: {need}."
+    names = listed([u.words for u, _ in blind.companions])
+    return f"These runs cannot tell {held} from {names}: {need}."
 
 
 def combination_words(combination: Combination) -> str:
@@ -44,24 +44,25 @@ def lines(fit: Fit) -> list[str]:
     seen = fit.observed
     rms = [np.sqrt(np.mean(((p - seen.measured) / seen.sigma) ** 2)) for p in (fit.before, fit.after)]
     out = [
-        f"measured figures: {len(seen)}; misfit {rms[0]:.2f} standard deviations before, {rms[1]:.2f} after",
-        f"fitted, with intervals that hold all at once with {percent(CONFIDENCE)}:",
+        f"The model misses {count(len(seen), 'measured figure')} by {rms[0]:.2f} standard deviations before "
+        f"the fit and by {rms[1]:.2f} after it.",
+        f"Fitted numbers (all intervals hold together with a probability of {percent(CONFIDENCE)}):",
     ]
     fitted = [e for e in fit.estimates if e.status == "fitted"]
-    out += [f"  {estimate_line(e)}" for e in fitted] or ["  nothing: these runs carry no single number"]
+    out += [f"  {estimate_line(e)}" for e in fitted] or ["  none: these runs determine no single number"]
     out += [f"  {estimate_line(e)}" for e in fit.estimates if e.status != "fitted"]
     out += [*map(blind_line, fit.blind)]
     out += [
-        f"what they do carry is {combination_words(c)} = {c.value:.4g} (+-{100.0 * 1.96 * c.deviation:.1f} %)"
+        f"These runs determine {combination_words(c)} = {c.value:.4g} (± {percent(1.96 * c.deviation, 1)})."
         for c in fit.combinations
     ]
     mine = [(k, e.unknown.words) for k, e in enumerate(fit.estimates) if e.status == "fitted"]
     pairs = [(b, a, float(fit.correlation[i, j])) for i, a in mine for j, b in mine if j < i]
-    out += [f"{a} and {b} are correlated ({r:+.2f})" for a, b, r in pairs if abs(r) >= STRONG]
+    out += [f"{a} and {b} are correlated ({r:+.2f})." for a, b, r in pairs if abs(r) >= STRONG]
     if fit.spread_factor > 1.5:
         out.append(
-            f"the runs disagree with the model by {fit.spread_factor:.1f} times their stated deviation; "
-            "the intervals are widened by it"
+            f"The runs differ from the model by {fit.spread_factor:.1f} times their stated deviation; the "
+            "intervals are wider by that factor."
         )
     return out
 

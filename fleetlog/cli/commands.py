@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 TELLING = (
     click.Option(["--json", "as_json"], is_flag=True, help="Print the summary as one JSON object."),
     click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors."),
-    click.Option(["-v", "--verbose"], is_flag=True, help="Tell every step, with its time."),
+    click.Option(["-v", "--verbose"], is_flag=True, help="Print every step with its time."),
 )
 OPTIONAL_OUTPUT = {"import", "demo", "view", "info"}
 """Commands that write nothing, or only when asked to; the others must be told where."""

@@ -13,7 +13,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any
 
 from fleetlog.errors import nearest
-from fleetlog.registry import part_lines
+from fleetlog.registry import part, part_lines
 
 UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -79,7 +79,14 @@ class PartOf:
 
     def names(self) -> list[str]:
         """Every name, without importing a part."""
-        return sorted(name.replace("_", "-") for name in part_lines(self.package, self.attribute))
+        return sorted(self._modules())
+
+    def _modules(self) -> dict[str, str]:
+        return {name.replace("_", "-"): name for name in part_lines(self.package, self.attribute)}
+
+    def part(self, name: str) -> Any:
+        """Return the part of that name, importing no other one."""
+        return part(self.package, self.attribute, self._modules()[name])
 
     def __call__(self, value: str) -> str:
         """Return the name."""

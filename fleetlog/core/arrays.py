@@ -1,5 +1,7 @@
 """Names of the arrays that signatures speak of; their docstrings say what is in them."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,15 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Index = NDArray[np.int32]  # Codes and indices, which need less room
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]  # Indices as numpy itself gives them
+Array = NDArray[Any]  # Of any kind
+
+HOUR, DAY = 3_600_000_000, 86_400_000_000  # In the unit of all times [us]
+
+
+def microseconds(text: str) -> int:
+    """Return a date or a time of UTC, ``2026-01-05`` or ``2026-01-05T06:00:00Z``, in us since 1970."""
+    return int(np.datetime64(text.removesuffix("Z"), "us").astype(np.int64))
 
 
 def distinct(values: Floats) -> Floats:

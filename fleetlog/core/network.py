@@ -9,9 +9,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Index
+from fleetlog.core.arrays import Floats, Index, Indices
 from fleetlog.errors import SiteError, nearest
 
 if TYPE_CHECKING:
@@ -112,7 +111,7 @@ class Network:
         starts = np.arange(len(self), dtype=np.float64) * (float(self.length.max(initial=0.0)) + 1.0)
         return self.distance + np.repeat(starts, np.diff(self.first)), starts
 
-    def segment(self, edge: Index, offset: Floats) -> tuple[NDArray[np.intp], Floats]:
+    def segment(self, edge: Index, offset: Floats) -> tuple[Indices, Floats]:
         """Vertex before each of (N,) edges and offsets [m], and the share of that segment that is passed."""
         ladder, starts = self._ladder
         offset = np.clip(offset, 0.0, self.length[edge])

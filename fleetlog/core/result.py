@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Array, Floats, Index, Ints, Mask
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,7 +83,7 @@ class Series:
     ``counts`` begins at zero."""
 
     name: str
-    x: NDArray[Any]
+    x: Array
     y: dict[str, Floats]
     x_label: str
     y_label: str

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.errors import InputError, nearest
@@ -73,8 +74,6 @@ def text(value: Any) -> str:
 
 def time_zone(value: Any) -> str:
     """The IANA name of a time zone."""
-    from zoneinfo import ZoneInfo
-
     try:
         ZoneInfo(text(value))
     except (ValueError, OSError, LookupError):
@@ -156,6 +155,17 @@ def table(
         if key not in out:
             raise error(f"{key} is missing", where=where, place=place or None, do=f"add {key} = ...")
     return out
+
+
+def rows(
+    data: Mapping[str, Any], name: str, keys: Keys, where: str | Path | None, required: Iterable[str] = (),
+    error: Errors = InputError,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """The checked tables of the list [[name]]; none where it is absent."""
+    given = data.get(name, [])
+    if not isinstance(given, list):
+        raise error("is not a list of tables", where=where, place=name, do=f"write [[{name}]]")
+    return [table(row, keys, where, f"{name}[{n}]", required, error) for n, row in enumerate(given)]
 
 
 def tables(value: Any) -> dict[str, dict[str, Any]]:

@@ -1,6 +1,7 @@
 """A site: its frame on the earth, roads, places, zones and buildings; and the frames that files state."""
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from functools import cached_property, lru_cache
@@ -13,10 +14,12 @@ from numpy.typing import ArrayLike
 
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Edge, Network, build_network
-from fleetlog.core.schema import Errors, Keys, Wrong, list_of, real, table, text
+from fleetlog.core.schema import Errors, Keys, Wrong, list_of, real, rows, text
 from fleetlog.errors import InputError, SiteError
 
 PlaceKind = Literal["pick", "drop", "park", "charge"]
+Inverse = Callable[[Floats, Floats], tuple[Floats, Floats]]
+"""x, y [m] of a map to latitude, longitude [degrees]."""
 
 
 @dataclass(frozen=True)
@@ -233,15 +236,14 @@ def geographic(name: str, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     return np.where(known, latitude, np.nan), np.where(known, longitude, np.nan)
 
 
-def frame_of_crs(name: str, easting: float, northing: float, rotation: float | None = None) -> Frame:
-    """The site frame whose origin is a point of a projected system. Its x axis is that system's unless
-    ``rotation`` says otherwise. Distances are those on the ground: they differ from those of the projection
+def frame_at(earth: Inverse, x: float, y: float, step: float = 100.0) -> Frame:
+    """The site frame about a point x, y [m] of a projected system, its x axis that of the system, as a
+    ``step`` [m] along it shows. Distances are those on the ground: they differ from those of the projection
     by its scale (0.4 m a kilometre in the middle of a UTM zone)."""
-    latitude, longitude = geographic(name, [easting, easting + 100.0], [northing, northing])
+    latitude, longitude = earth(np.array([x, x + step]), np.array([y, y]))
     origin = Frame(float(latitude[0]), float(longitude[0]))
-    east, north = origin.to_local(latitude[1], longitude[1])
-    turned = math.atan2(float(north), float(east)) if rotation is None else rotation
-    return replace(origin, rotation=turned)
+    east, north = (float(v[1] - v[0]) for v in origin.to_local(latitude, longitude))
+    return replace(origin, rotation=math.atan2(north, east))
 
 
 MAP_FRAME: Keys = {
@@ -252,8 +254,4 @@ MAP_FRAME: Keys = {
 
 def map_frames(data: dict[str, Any], where: Path | str, error: Errors = InputError) -> tuple[MapFrame, ...]:
     """All [[map_frame]] tables."""
-    raw = data.get("map_frame", [])
-    if not isinstance(raw, list):
-        raise error("is not a list of tables", where=where, place="map_frame", do="write [[map_frame]]")
-    checked = (table(row, MAP_FRAME, where, f"map_frame[{n}]", ("name",), error) for n, row in enumerate(raw))
-    return tuple(MapFrame(**row) for row in checked)
+    return tuple(MapFrame(**row) for row in rows(data, "map_frame", MAP_FRAME, where, ("name",), error))

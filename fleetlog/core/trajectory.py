@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from fleetlog.core import columns as cols
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Array, Floats, Index, Ints, Mask
 from fleetlog.errors import DataError
 from fleetlog.registry import extra
 
@@ -53,7 +52,7 @@ class Labels:
         return cls(codes.astype(np.int32), tuple(str(n) for n in names))
 
 
-Values = Floats | Ints | Labels | NDArray[Any]
+Values = Floats | Ints | Labels | Array
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class Trajectory:
     def __contains__(self, name: str) -> bool:
         return name in self.columns
 
-    def __getitem__(self, index: slice | NDArray[Any]) -> Trajectory:
+    def __getitem__(self, index: slice | Array) -> Trajectory:
         """The rows of a slice, a boolean mask or an index array."""
         return Trajectory(self.vehicle_id, self.time[index], {k: v[index] for k, v in self.columns.items()})
 
@@ -182,7 +181,7 @@ def own_array(values: Values) -> pa.Array:
     return pa.DictionaryArray.from_arrays(indices, pa.array(list(values.names), pa.string()))
 
 
-def _with_nulls(values: NDArray[Any], unknown: Mask) -> pa.Array:
+def _with_nulls(values: Array, unknown: Mask) -> pa.Array:
     # Without a mask nothing is copied.
     return pa.array(values, mask=unknown) if unknown.any() else pa.array(values)
 

@@ -4,7 +4,7 @@ from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from fleetlog.core.schema import anything, load_toml, real, table, text, whole
+from fleetlog.core.schema import anything, load_toml, real, rows, table, text, whole
 from fleetlog.errors import TruckError, nearest
 
 
@@ -111,14 +111,9 @@ def preset_names() -> list[str]:
 def load_truck(path: str | Path) -> Truck:
     """Read a truck file (TOML) or a preset by its name; :class:`TruckError` names the key at fault."""
     data, file = _tables(str(path), Path())
-    fleet = data.pop("fleet", [])
-    if not isinstance(fleet, list):
-        raise TruckError("is not a list of tables", where=file, place="fleet", do="write [[fleet]]")
-    others = []
-    for row in fleet:
-        keys = {"truck": text, "count": whole(1, 100_000)}
-        given = table(row, keys, file, "fleet", ("truck", "count"), TruckError)
-        others.append((truck_from_dict(*_tables(given["truck"], file.parent)), given["count"]))
+    keys = {"truck": text, "count": whole(1, 100_000)}
+    fleet = rows({"fleet": data.pop("fleet", [])}, "fleet", keys, file, keys, TruckError)
+    others = ((truck_from_dict(*_tables(row["truck"], file.parent)), row["count"]) for row in fleet)
     return replace(truck_from_dict(data, file), others=tuple(others))
 
 

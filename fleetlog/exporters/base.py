@@ -1,7 +1,8 @@
 """What every export format gives, and the one function that runs it.
 
-A format is one module of this package that holds ``EXPORTER``, an :class:`Exporter`.  It writes a scratch
-file that appears under the wanted name when it is whole."""
+A format is one module of this package, by its name, with a function ``write(selection, path)``.  It writes a
+:class:`Selection` to a scratch file that appears under the wanted name when it is whole, and returns what the
+summary should say beyond the counts of rows, if anything."""
 
 import itertools
 import json
@@ -17,16 +18,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog import interrupt
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arguments import PartOf
+from fleetlog.core.arrays import DAY, Floats, Ints, microseconds
 from fleetlog.core.columns import SCHEMA
 from fleetlog.core.trajectory import Trajectory, from_arrow, to_arrow
 from fleetlog.errors import DataError, InputError, nearest
-from fleetlog.registry import parts
 from fleetlog.store import Dataset
 from fleetlog.store.output import atomic_output
 
-WINDOW, DAY = 600_000_000, 86_400_000_000
-"""Stretch of time of which the rows of all vehicles are held at once, and a day [us]."""
+FORMATS = PartOf("fleetlog.exporters", "write")
+WINDOW = 600_000_000  # Stretch of time of which the rows of all vehicles are held at once [us]
 
 
 @dataclass
@@ -36,7 +37,7 @@ class Selection:
     dataset: Dataset
     vehicles: tuple[str, ...]
     target: Path
-    beside: Path  # Where the second file of a format that has one is written
+    beside: Callable[[str], Path]  # Where a second file of this name is written, in the same folder
     counts: Counter[str] = field(default_factory=Counter)
 
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
@@ -48,10 +49,9 @@ class Selection:
 
     def windows(self, columns: Sequence[str]) -> Iterator[list[Trajectory]]:
         """All vehicles' rows side by side, in stretches of time that follow one another."""
-        ends = (str(self.dataset.meta[key]).rstrip("Z") for key in ("start", "end"))
-        first, last = (int(np.datetime64(moment, "us").astype(np.int64)) for moment in ends)
-        days = {date: int(np.datetime64(date, "us").astype(np.int64)) for date in self.dataset.dates}
-        for date, begin in ((d, day + t) for d, day in days.items() for t in range(0, DAY, WINDOW)):
+        first, last = self.dataset.span or (0, -1)
+        for date, t in itertools.product(self.dataset.dates, range(0, DAY, WINDOW)):
+            begin = microseconds(date) + t
             if begin > last or begin + WINDOW <= first:
                 continue
             parts = ((v, part) for v in self.vehicles for part in self.dataset.parts(v, date))
@@ -100,19 +100,6 @@ class Selection:
         return self.vehicles[0]
 
 
-@dataclass(frozen=True)
-class Exporter:
-    """An export format: its name as ``--to`` takes it, the usual suffix of its files, and what it is."""
-
-    name: str
-    suffix: str
-    meaning: str
-    write: Callable[[Selection, Path], dict[str, Any] | None]
-    """Writes the selection to a path; gives what the summary should say beyond the counts of rows."""
-    network: bool = False  # Whether it writes the road network, not the motion
-    beside: str | None = None  # Name of a second file that it writes into the same folder
-
-
 def _rows_from(begin: int, part: Path, vehicle: str, columns: Sequence[str]) -> Trajectory:
     """The rows of a file from ``begin`` on for ``WINDOW``; row groups outside are not read."""
     first, last = (pa.scalar(t, pa.timestamp("us", tz="UTC")) for t in (begin, begin + WINDOW))
@@ -126,11 +113,6 @@ def _plain(field: pa.Field) -> pa.Field:
     return field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field
 
 
-def exporters() -> dict[str, Exporter]:
-    """Every known format by name."""
-    return parts("fleetlog.exporters", "EXPORTER")
-
-
 def export_dataset(
     dataset: str | Path | Dataset, to: str, output: str | Path, *, vehicles: Sequence[str] = (),
     overwrite: bool = False,
@@ -138,8 +120,8 @@ def export_dataset(
     """Write a dataset, or its folder, in the format ``to``; the file appears whole or not at all.
     ``vehicles`` are those to export (all by default); ``overwrite`` says whether an older file may be
     replaced. Returns a summary: format, file, vehicles, rows, bytes and what the format adds."""
-    if to not in (known := exporters()):
-        raise InputError(f"no export format {to!r}", do=nearest(to, known))
+    if to not in FORMATS.names():
+        raise InputError(f"no export format {to!r}", do=nearest(to, FORMATS.names()))
     output, source = Path(output), dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     for vehicle in vehicles:
         if vehicle not in source.vehicles:
@@ -147,11 +129,14 @@ def export_dataset(
     chosen = tuple(vehicles) or tuple(source.vehicles)
     options: dict[str, Any] = {"overwrite": overwrite, "folder": False, "inputs": [source.path]}
     with ExitStack() as files:
-        names = [output, *([output.with_name(second)] if (second := known[to].beside) else [])]
-        scratch = [files.enter_context(atomic_output(name, f"{to} export", **options)) for name in names]
-        selection = Selection(source, chosen, output, scratch[-1])
-        more = known[to].write(selection, scratch[0]) or {}
-        size = scratch[0].stat().st_size
+
+        def made(name: Path) -> Path:
+            return files.enter_context(atomic_output(name, f"{to} export", **options))
+
+        selection = Selection(source, chosen, output, lambda name: made(output.with_name(name)))
+        scratch = made(output)
+        more = FORMATS.part(to)(selection, scratch) or {}
+        size = scratch.stat().st_size
         with interrupt.held():
             files.close()
     told = {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size}

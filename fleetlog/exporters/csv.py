@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 
 FORMULA = r"^([=@\t\r]|[+-][\pL\pN_.:-]*[^\pL\pN_.:-])"
 _PACKING = {".gz": "gzip", ".zst": "zstd"}
@@ -41,6 +41,3 @@ def defused(texts: pa.ChunkedArray) -> pa.ChunkedArray:
     road driven against its digitised direction, stay as they are: a sign before letters, digits and
     ``_ . : -`` calls nothing."""
     return pc.replace_substring_regex(texts, pattern=FORMULA, replacement=r"'\1")
-
-
-EXPORTER = Exporter("csv", ".csv", "CSV with the dataset's columns (.gz and .zst too)", write)

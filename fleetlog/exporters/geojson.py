@@ -10,7 +10,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters.base import Exporter, Selection, cells, iso_times, write_features
+from fleetlog.exporters.base import Selection, cells, iso_times, write_features
 
 
 def write(selection: Selection, path: Path) -> None:
@@ -30,6 +30,3 @@ def _features(t: Trajectory, xyz: list[Floats], fixed: dict[str, Any]) -> Iterat
             "geometry": {"type": "Point", "coordinates": place if place[2] == place[2] else place[:2]},
             "properties": {"vehicle_id": t.vehicle_id, "timestamp": time, **fixed, **values},
         }
-
-
-EXPORTER = Exporter("geojson", ".geojson", "GeoJSON, a point per row with all columns", write)

@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape, quoteattr
 from fleetlog.core.site import Frame
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
-from fleetlog.exporters.base import Exporter, Selection, cells, iso_times
+from fleetlog.exporters.base import Selection, cells, iso_times
 from fleetlog.version import __version__
 
 SPACE = "urn:fleetlog:trajectory:1"
@@ -56,6 +56,3 @@ def _segment(out: TextIO, t: Trajectory, frame: Frame) -> None:
 def _extension(name: str, value: Any) -> str:
     text = f"{value:.9g}" if isinstance(value, float) else escape(str(value))
     return f"<fl:{name}>{text}</fl:{name}>"
-
-
-EXPORTER = Exporter("gpx", ".gpx", "GPX 1.1, a track per vehicle", write)

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Rotation about z by the heading; an unknown height or heading is written as 0."""
     vehicle = selection.need_one_vehicle("KITTI")
-    with path.open("w", encoding="ascii") as out, selection.beside.open("w", encoding="ascii") as times:
+    second = selection.beside("times.txt")
+    with path.open("w", encoding="ascii") as out, second.open("w", encoding="ascii") as times:
         for t in map(selection.placed, selection.days(["x", "y", "z", "heading"])):
             z, yaw = np.nan_to_num(t.floats("z")), np.nan_to_num(t.floats("heading"))
             zero, one, c, s = np.zeros(len(t)), np.ones(len(t)), np.cos(yaw), np.sin(yaw)
@@ -19,8 +20,3 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
             np.savetxt(out, np.column_stack([v for row in rows for v in row]), fmt="%.9g")
             times.writelines(f"{us // 1_000_000}.{us % 1_000_000:06d}\n" for us in t.time.tolist())
     return {"vehicle": vehicle}
-
-
-EXPORTER = Exporter(
-    "kitti", ".txt", "KITTI poses of one vehicle, with times.txt beside them", write, beside="times.txt"
-)

@@ -12,7 +12,7 @@ import numpy as np
 
 from fleetlog.core.site import Frame
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 from fleetlog.version import __version__
 
 _TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
@@ -85,6 +85,3 @@ def _batteries(t: Trajectory) -> Iterator[Message]:
     for time, *row in zip(t.time.tolist(), *columns.values(), strict=True):
         if known := {name: value for name, value in zip(columns, row, strict=True) if value == value}:
             yield "Battery", time, known
-
-
-EXPORTER = Exporter("mcap", ".mcap", "MCAP for Foxglove: LocationFix (or poses) and battery as JSON", write)

@@ -12,7 +12,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters.base import Exporter, Selection, iso_times, write_features
+from fleetlog.exporters.base import Selection, iso_times, write_features
 
 PROPERTIES = (
     "speed", "payload", "fork_height", "battery_power", "battery_voltage", "battery_current", "soc",
@@ -46,7 +46,3 @@ def _feature(t: Trajectory, xyz: list[Floats]) -> dict[str, Any]:
         },
         "temporalProperties": properties,
     }  # fmt: skip
-
-
-MEANING = "OGC Moving Features JSON, a feature a vehicle and day"
-EXPORTER = Exporter("moving-features", ".mfjson", MEANING, write)

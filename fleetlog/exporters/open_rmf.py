@@ -9,7 +9,7 @@ from typing import Any
 
 from fleetlog.core.site import Place
 from fleetlog.exporters._lanes import lanes_of
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 
 LEVEL = "L1"
 
@@ -40,6 +40,3 @@ def _said(place: Place | None) -> dict[str, Any]:
         "pick": {"pickup_dispenser": place.id}, "drop": {"dropoff_ingestor": place.id},
     }  # fmt: skip
     return {"name": place.id, **marks[place.kind]}
-
-
-EXPORTER = Exporter("open-rmf", ".yaml", "the site as an Open-RMF navigation graph", write, network=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.errors import DataError
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 from fleetlog.registry import extra
 
 LENGTH, WIDTH, HEIGHT = 3.0, 1.2, 2.2
@@ -77,6 +77,3 @@ def _drive(xosc: Any, vehicle: str, way: Any) -> Any:
     manoeuvre = xosc.Maneuver(f"{vehicle} manoeuvre")
     manoeuvre.add_event(event)
     return manoeuvre
-
-
-EXPORTER = Exporter("openscenario", ".xosc", "OpenSCENARIO XML: every vehicle follows its trajectory", write)

@@ -12,7 +12,7 @@ from typing import Any
 from lxml import etree
 
 from fleetlog.exporters._lanes import Lane, lanes_of
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 
 MILLI = 1000.0
 DEFAULT_SPEED = 1.0  # Speed of a path whose limit the map does not give [m/s]: that of the model editor
@@ -56,6 +56,3 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
 
 def _place(x: float, y: float, z: float = 0.0) -> dict[str, str]:
     return {f"position{axis}": str(round(v * MILLI)) for axis, v in zip("XYZ", (x, y, z), strict=True)}
-
-
-EXPORTER = Exporter("opentcs", ".xml", "the site as an openTCS plant model", write, network=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 from fleetlog.registry import extra
 from fleetlog.version import __version__
 
@@ -52,6 +52,3 @@ def _add(moments: dict[int, Any], t: Trajectory, number: int, kind: Any) -> None
             o.base.orientation.yaw = heading
         if heading == heading and speed == speed:
             o.base.velocity.x, o.base.velocity.y = speed * np.cos(heading), speed * np.sin(heading)
-
-
-EXPORTER = Exporter("osi", ".osi", "ASAM OSI ground truth, all vehicles of a moment in a message", write)

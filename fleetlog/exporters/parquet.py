@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog.core.site import Frame
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 
 _GEO = {
     "version": "1.1.0", "primary_column": "geometry",
@@ -42,6 +42,3 @@ def _points(table: pa.Table, frame: Frame) -> pa.Array:
     buffers = [pa.py_buffer(known.tobytes()), pa.py_buffer(wkb.tobytes())]
     fixed = pa.binary(_WKB_POINT.itemsize)
     return pa.FixedSizeBinaryArray.from_buffers(fixed, len(table), buffers).cast(pa.binary())
-
-
-EXPORTER = Exporter("parquet", ".parquet", "one Parquet file, GeoParquet where the site is on the map", write)

@@ -14,7 +14,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters.base import Exporter, Selection, iso_times
+from fleetlog.exporters.base import Selection, iso_times
 from fleetlog.exporters.sumo_net import sumo_name
 
 _COLUMNS = ("x", "y", "z", "heading", "speed", "edge_offset")
@@ -53,6 +53,3 @@ def _lines(t: Trajectory) -> Iterator[tuple[int, str]]:
         text += f" lane={names[edge]}" if edge >= 0 else ""
         text += f' pos="{offset:.3f}"' if edge >= 0 and offset == offset else ""
         yield time, text + "/>\n"
-
-
-EXPORTER = Exporter("sumo-fcd", ".fcd.xml", "SUMO floating car data", write)

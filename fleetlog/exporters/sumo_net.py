@@ -16,7 +16,7 @@ from lxml import etree
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 
 DEFAULT_SPEED = 5.0
 """Speed of a lane whose limit the map does not give [m/s]: the default top speed of a truck."""
@@ -125,6 +125,3 @@ def _direction(n: Network, a: int, b: int) -> str:
     before, after = n.heading(np.array([a, b]), np.array([n.length[a], 0.0])).tolist()
     turn = float(np.degrees(np.remainder(after - before + np.pi, 2 * np.pi) - np.pi))
     return "s" if abs(turn) < 45 else "t" if abs(turn) > 135 else "l" if turn > 0 else "r"
-
-
-EXPORTER = Exporter("sumo-net", ".net.xml", "the road network for SUMO", write, network=True)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
@@ -20,6 +20,3 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
                 stamp = f"{time // 1_000_000}.{time % 1_000_000:06d}"
                 out.write(f"{stamp} {x:.6f} {y:.6f} {up:.6f} 0 0 {s:.9f} {c:.9f}\n")
     return {"vehicle": vehicle}
-
-
-EXPORTER = Exporter("tum", ".tum", "TUM trajectory of one vehicle, for evo", write)

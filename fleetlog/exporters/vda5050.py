@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.exporters.base import Selection
 
 COLUMNS = (
     "x", "y", "heading", "speed", "payload", "soc", "battery_voltage", "battery_current", "map_id",
@@ -65,6 +65,3 @@ def _state(row: dict[str, float], map_id: str) -> dict[str, Any]:
         supply |= {} if voltage is None else {"batteryVoltage": voltage}
         out["powerSupply"] = supply | ({} if current is None else {"batteryCurrent": abs(current)})
     return out
-
-
-EXPORTER = Exporter("vda5050", ".jsonl", "VDA 5050 state messages, one a line", write)

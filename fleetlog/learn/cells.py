@@ -26,7 +26,7 @@ SCATTER = 0.1  # directions with a smaller share of what is driven there pull by
 
 
 @dataclass(frozen=True)
-class Cells:
+class Driven:
     """What was driven (N,): ``weight`` metres, at a mean position [m] and ``heading`` [rad]."""
 
     x: Floats
@@ -38,7 +38,7 @@ class Cells:
         return len(self.x)
 
 
-def moving(trajectory: Trajectory) -> tuple[Cells, float]:
+def moving(trajectory: Trajectory) -> tuple[Driven, float]:
     """The samples of a trajectory at which the truck moved, and the noise of its positions [m]."""
     found = reconstruct(trajectory)
     m = found.motion
@@ -51,7 +51,7 @@ def moving(trajectory: Trajectory) -> tuple[Cells, float]:
     count, heading = np.repeat(count, count), m.heading[row]
     ahead = ((nth + 0.5) / count - 0.5) * metres[row]
     x, y = m.x[row] + np.cos(heading) * ahead, m.y[row] + np.sin(heading) * ahead
-    return Cells(x, y, heading, weight[row] / count), float(found.noise.position)
+    return Driven(x, y, heading, weight[row] / count), float(found.noise.position)
 
 
 def _manoeuvres(metres: Floats, dt: Floats, standing: Mask) -> Mask:
@@ -67,7 +67,7 @@ def _manoeuvres(metres: Floats, dt: Floats, standing: Mask) -> Mask:
     return np.asarray(gap <= MANOEUVRE)
 
 
-def gather(tracks: Iterable[Cells]) -> Cells:
+def gather(tracks: Iterable[Driven]) -> Driven:
     """The samples of all tracks, added up by square and sector."""
     keys, sums = np.zeros(0, np.int64), np.zeros((0, 5))
     width = int(2 * LIMIT / SIDE)
@@ -79,10 +79,10 @@ def gather(tracks: Iterable[Cells]) -> Cells:
         rows = np.concatenate([sums, np.column_stack(own)])
         sums = np.column_stack([np.bincount(of, column, len(keys)) for column in rows.T])
     weight, x, y, cos, sin = sums.T
-    return Cells(x / weight, y / weight, np.arctan2(sin, cos), weight)
+    return Driven(x / weight, y / weight, np.arctan2(sin, cos), weight)
 
 
-def gathered(cells: Cells, noise: float, lane: float) -> Cells:
+def gathered(cells: Driven, noise: float, lane: float) -> Driven:
     """``cells`` on the lines that they follow by direction; lines closer than ``lane`` [m] are one. ``noise``
     [m] is that of the positions. The weight is then in passes: as much per metre of a line as the log has
     trips over it."""
@@ -94,7 +94,7 @@ def gathered(cells: Cells, noise: float, lane: float) -> Cells:
     return replace(both, weight=one_way.weight)
 
 
-def _shifted(cells: Cells, across: float, *, either: bool, rounds: int = ROUNDS) -> tuple[Cells, Floats]:
+def _shifted(cells: Driven, across: float, *, either: bool, rounds: int = ROUNDS) -> tuple[Driven, Floats]:
     """Cells moved across their heading to the local mean, in their order; and the weight about each."""
     side = max(3.0 * ALONG, across if either else 3.0 * across) + 1.0
     low = np.array([cells.x.min(), cells.y.min()])

@@ -20,7 +20,7 @@ from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
 from fleetlog.core.site import Frame, Site
 from fleetlog.core.words import count
 from fleetlog.errors import DataError
-from fleetlog.learn.cells import SIDE, Cells, gather, moving
+from fleetlog.learn.cells import SIDE, Driven, gather, moving
 from fleetlog.learn.places import slow_zones, with_places
 from fleetlog.learn.roads import SPEED_STEP, Evidence, Roads, Settings, learn_roads
 from fleetlog.store.dataset import Dataset
@@ -69,10 +69,10 @@ def _in_frame(site: Site, frame: Frame | None) -> Network:
     return replace(network, points=np.column_stack([x, y, network.points[:, 2]]))
 
 
-def _driven(dataset: Dataset) -> tuple[Cells, float]:
+def _driven(dataset: Dataset) -> tuple[Driven, float]:
     noises: list[float] = []
 
-    def tracks() -> Iterator[Cells]:
+    def tracks() -> Iterator[Driven]:
         for trajectory in dataset.days(COLUMNS):
             if trajectory.has("x") and trajectory.has("y"):
                 track, noise = moving(trajectory)
@@ -124,7 +124,7 @@ def road_table(network: Network, found: Roads) -> pd.DataFrame:
 
 
 def _result(
-    site: Site, cells: Cells, table: pd.DataFrame, places: pd.DataFrame,
+    site: Site, cells: Driven, table: pd.DataFrame, places: pd.DataFrame,
     proposed: list[dict[str, Any]] | None, e: Evidence,
 ) -> Result:  # fmt: skip
     lacking = proposed or []
@@ -161,7 +161,7 @@ def _result(
 MOST_SQUARES = 4_000_000  # squares of the picture of the traces
 
 
-def _traces(cells: Cells) -> Grid:
+def _traces(cells: Driven) -> Grid:
     """Metres driven in each square of the floor."""
     x0, y0 = float(cells.x.min()), float(cells.y.min())
     width, height = float(np.ptp(cells.x)), float(np.ptp(cells.y))

@@ -8,7 +8,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
-from fleetlog.learn.cells import Cells
+from fleetlog.learn.cells import Driven
 
 PIXEL = 0.25  # side of a pixel [m]
 MOST_PIXELS = 30_000_000  # pixels of a picture; of a larger site they are coarser
@@ -33,7 +33,7 @@ class Picture:
         return np.column_stack([self.x0 + pixel[:, 1] * self.side, self.y0 + pixel[:, 0] * self.side])
 
 
-def centre_lines(cells: Cells, tube: float, least: float) -> Picture:
+def centre_lines(cells: Driven, tube: float, least: float) -> Picture:
     """The middle lines, one pixel wide, of what is driven (cells gathered on their lines). Lines closer than
     ``tube`` [m] are one road; one with fewer passes than ``least`` is none."""
     rim = 10.0

@@ -4,13 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats, Indices, Mask
 from fleetlog.core.network import reduced
-from fleetlog.learn.cells import Cells
+from fleetlog.learn.cells import Driven
 from fleetlog.learn.lines import Chain, way
 from fleetlog.learn.shape import ends
 
@@ -41,7 +40,7 @@ class Fit:
         return float(np.ptp(self.left[senses]) + 4.0 * spread.max())
 
 
-def refined(chains: list[Chain], driven: Mask, cells: Cells, reach: float, rounds: int = 3) -> list[Fit]:
+def refined(chains: list[Chain], driven: Mask, cells: Driven, reach: float, rounds: int = 3) -> list[Fit]:
     """The chains moved onto the traces: in the middle of both directions where both are driven. ``driven``
     (n, 2) says in which directions each is, forth and back; cells farther than ``reach`` [m] are another
     road's."""
@@ -53,7 +52,7 @@ def refined(chains: list[Chain], driven: Mask, cells: Cells, reach: float, round
     return [replace(f, chain=replace(c, points=reduced(c.points, FINE))) for f, c in whole]
 
 
-def _reaching(fits: list[Fit], cells: Cells, reach: float) -> Iterator[Chain]:
+def _reaching(fits: list[Fit], cells: Driven, reach: float) -> Iterator[Chain]:
     """Dead ends as far as trucks drove: thinning takes a little of every end."""
     at = ends([f.chain for f in fits])
     for chain in (f.chain for f in fits):
@@ -63,7 +62,7 @@ def _reaching(fits: list[Fit], cells: Cells, reach: float) -> Iterator[Chain]:
         yield replace(chain, points=points)
 
 
-def _extended(points: Floats, cells: Cells, reach: float) -> Floats:
+def _extended(points: Floats, cells: Driven, reach: float) -> Floats:
     """A line carried on to where nine tenths of what was driven straight ahead of its end lie behind."""
     if _entry(points[::-1]) is None:
         return points
@@ -89,8 +88,8 @@ def _resampled(c: Chain) -> Chain:
 
 
 def _owners(
-    chains: list[Chain], senses: Mask, cells: Cells, reach: float
-) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    chains: list[Chain], senses: Mask, cells: Driven, reach: float
+) -> tuple[Floats, Indices, Indices, Indices]:
     """Tangents at the points of all chains, end to end, and the cells that lie on them in their ``senses``.
     Those are (n, 2), forth and back; of a cell its number, the point nearest to it, and 1 if back."""
     points = np.concatenate([c.points for c in chains])
@@ -107,7 +106,7 @@ def _owners(
     return tangent, use, station[near[use]], (sign[near[use]] < 0.0).astype(np.intp)
 
 
-def passes(chains: list[Chain], cells: Cells, reach: float) -> Floats:
+def passes(chains: list[Chain], cells: Driven, reach: float) -> Floats:
     """(n, 2) how often each metre of a chain was driven forth and back, manoeuvres aside."""
     chains = [_resampled(c) for c in chains]
     _, use, at, back = _owners(chains, np.ones((len(chains), 2), bool), cells, reach)
@@ -116,7 +115,7 @@ def passes(chains: list[Chain], cells: Cells, reach: float) -> Floats:
     return np.asarray(metres / np.array([max(c.length, STEP) for c in chains])[:, None])
 
 
-def _fitted(chains: list[Chain], driven: Mask, cells: Cells, reach: float) -> list[Fit]:
+def _fitted(chains: list[Chain], driven: Mask, cells: Driven, reach: float) -> list[Fit]:
     points = np.concatenate([c.points for c in chains])
     tangent, use, at, back = _owners(chains, driven, cells, reach)
     dx, dy, n = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1], len(points)

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import DAY, Floats, Ints, Mask
 from fleetlog.core.network import Edge, Network, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
-from fleetlog.learn.cells import Cells, gathered
+from fleetlog.learn.cells import Driven, gathered
 from fleetlog.learn.lines import Chain, centre_lines, chains
 from fleetlog.learn.refine import CLEAR, Fit, passes, refined
 from fleetlog.learn.shape import apart, contracted, ends, joined, pieces, split, tidied
@@ -69,7 +69,7 @@ def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evi
                 found.metres[edge] += max(end - begin, 0.0)
                 found.passes[edge] += end - begin >= WHOLE * network.length[edge]
                 found.vehicles.setdefault(edge, set()).add(t.vehicle_id)
-                found.days.setdefault(edge, set()).add(int(t.time[row] // 86_400_000_000))
+                found.days.setdefault(edge, set()).add(int(t.time[row] // DAY))
     return found
 
 
@@ -150,7 +150,7 @@ class Roads:
     forth: Mask
 
 
-def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) -> Roads:
+def learn_roads(cells: Driven, noise: float, reread: Reread, settings: Settings) -> Roads:
     """The roads under what was driven, given the noise of its positions [m]. ``reread`` gives the
     trajectories anew, for what is counted on the roads found."""
     lines = centre_lines(gathered(cells, noise, settings.lane), TUBE, LEAST)
@@ -196,13 +196,13 @@ def two_way_edges(graph: list[Chain]) -> list[Edge]:
     return edges
 
 
-def _senses(graph: list[Chain], cells: Cells) -> Mask:
+def _senses(graph: list[Chain], cells: Driven) -> Mask:
     """(n, 2) whether each chain is driven forth and back, by what lies on it."""
     driven = passes(graph, cells, REACH)
     return np.asarray(driven > SELDOM * driven[:, ::-1])
 
 
-def _fitted(graph: list[Chain], senses: Mask, cells: Cells) -> list[Fit]:
+def _fitted(graph: list[Chain], senses: Mask, cells: Driven) -> list[Fit]:
     """The chains that are driven, on their traces."""
     some = np.flatnonzero(senses.any(axis=1))
     if not len(some):
@@ -210,7 +210,7 @@ def _fitted(graph: list[Chain], senses: Mask, cells: Cells) -> list[Fit]:
     return refined([graph[k] for k in some], senses[some], cells, REACH)
 
 
-def _met(graph: list[Chain], cells: Cells, lane: float) -> list[Chain] | None:
+def _met(graph: list[Chain], cells: Driven, lane: float) -> list[Chain] | None:
     """The graph without links that are shorter than what trucks cover across them: these have no line that
     traces could show, and are the inside of one junction. Directions farther apart than ``lane`` [m] are two
     roads, which a link confuses: of it only what lies clear of its ends counts. None without such links."""
@@ -234,7 +234,7 @@ def _returning(roads: Roads) -> list[Chain] | None:
     return met if len(met) < len(chains) else None
 
 
-def _final(graph: list[Chain], cells: Cells, reread: Reread) -> Roads:
+def _final(graph: list[Chain], cells: Driven, reread: Reread) -> Roads:
     """The graph on its traces, every road in the directions in which it is driven: what lies on it may be
     scatter of the lane beside, so they are asked of the trips too."""
     senses, used = _senses(graph, cells), np.zeros(1, bool)

@@ -6,9 +6,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Floats, Index, Indices, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.errors import InputError, nearest
@@ -36,7 +35,7 @@ class Field:
     def __len__(self) -> int:
         return len(self.value)
 
-    def __getitem__(self, index: NDArray[np.intp] | Mask) -> Field:
+    def __getitem__(self, index: Indices | Mask) -> Field:
         """The stretches of an index array or mask."""
         return Field(*(getattr(self, f.name)[index] for f in fields(self)))
 

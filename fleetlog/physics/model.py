@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 from fleetlog.core.network import Network
 from fleetlog.core.schema import anything, flag, list_of, load_toml, moment, real, table, tables, text, whole
@@ -40,8 +41,6 @@ NUMBER = real(-1e12, 1e12)
 
 def save_physics(path: str | Path, physics: Physics, network: Network | None = None) -> None:
     """Write ``physics`` (all but its truck) into a folder: model.toml, and its fields beside it."""
-    import tomli_w
-
     folder = Path(path)
     data = {
         "format_version": 1, "truck": physics.truck.name, "off": sorted(physics.off),

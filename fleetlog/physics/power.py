@@ -9,18 +9,22 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
 from itertools import chain
+from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
+from fleetlog.physics import formulas
 from fleetlog.physics.field import Field
-from fleetlog.physics.term import Floats, Term, Values, plain_terms
+from fleetlog.physics.term import Floats, Parameter, Term, Values
 from fleetlog.registry import parts
 
 ByTerm = dict[str, Floats]  # Newtons, watts or shares of every sample, (N,)
@@ -28,8 +32,17 @@ ByTerm = dict[str, Floats]  # Newtons, watts or shares of every sample, (N,)
 
 @cache
 def all_terms() -> dict[str, Term]:
-    """Every term by name: those in the folder of terms, of its table, and of other packages."""
-    return dict(sorted({**plain_terms(), **parts("fleetlog.physics.terms", "TERM")}.items()))
+    """Every term by name: those of the table, files in the folder of terms, and those of other packages."""
+    table = Path(__file__).with_name("terms") / "terms.toml"
+    own = {name: _term(name, told) for name, told in tomllib.loads(table.read_text(encoding="utf-8")).items()}
+    return dict(sorted({**own, **parts("fleetlog.physics.terms", "TERM")}.items()))
+
+
+def _term(name: str, told: dict[str, Any]) -> Term:
+    """The term of an entry of the table, with the formula of its name."""
+    told["parameters"] = tuple(Parameter(**p) for p in told.get("parameters", ()))
+    told["depends_on"] = tuple(told.get("depends_on", ()))
+    return Term(name, function=getattr(formulas, name, None), **told)
 
 
 def cause(name: str) -> str:

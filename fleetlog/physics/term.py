@@ -1,12 +1,10 @@
 """What a physics term is: a function of motion, truck and its own parameters, the same signature for all;
 and all that the file of a term imports."""
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.motion import Motion
@@ -31,9 +29,7 @@ class Parameter:
     unit: str
     low: float  # Bounds of what is physically plausible; no estimate is reported on one
     high: float
-    neutral: float = (
-        0.0  # The value at which the term changes nothing; that of ``truck_key`` where it has one
-    )
+    neutral: float = 0.0  # At which the term changes nothing; that of ``truck_key`` where it has one
     truck_key: str | None = None  # The truck's value that it replaces, as ``drive.efficiency``
     tolerance: float = 0.0
     """How far a truck file or a logger may be off without being wrong (95 %): a share of the truck's value,
@@ -126,22 +122,6 @@ class Term:
     def by_name(self) -> dict[str, Parameter]:
         """Parameters by name."""
         return {p.name: p for p in self.parameters}
-
-
-def plain_terms() -> dict[str, Term]:
-    """The terms without a formula of their own, from their table, by name."""
-    text = Path(__file__).with_name("terms").joinpath("plain.toml").read_text(encoding="utf-8")
-    return {
-        name: Term(name, **{k: _plain(v) for k, v in t.items()}) for name, t in tomllib.loads(text).items()
-    }
-
-
-def _plain(value: Any) -> Any:
-    return (
-        tuple(Parameter(**v) if isinstance(v, dict) else v for v in value)
-        if isinstance(value, list)
-        else value
-    )
 
 
 def total_mass(motion: Motion, truck: Truck) -> Floats:

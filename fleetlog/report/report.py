@@ -134,7 +134,7 @@ def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
 def added_results(dataset: Dataset, truck: Truck | None = None) -> Iterator[Result]:
     """Give the result of every added analysis that these data can answer."""
     for name in added("fleetlog.analysis"):
-        function = part("fleetlog.analysis", "ANALYSIS", name)
+        function = part("fleetlog.analysis", "", name)
         needed = [p.name for p in inspect.signature(function).parameters.values() if p.default is p.empty][1:]
         options: dict[str, Any] = {} if truck is None or "truck" not in needed else {"truck": truck}
         if set(needed) <= options.keys():

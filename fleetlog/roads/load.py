@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,22 @@ from fleetlog.core import schema
 from fleetlog.core.arrays import Floats
 from fleetlog.core.files import read_head
 from fleetlog.core.network import LoadReport, Network, build_network, distance_to_segment
-from fleetlog.core.site import FARTHEST, Building, Frame, Place, Site, Zone, crs, frame_of_crs, map_frames
+from fleetlog.core.site import (
+    FARTHEST,
+    Building,
+    Frame,
+    Inverse,
+    Place,
+    Site,
+    Zone,
+    crs,
+    frame_at,
+    geographic,
+    map_frames,
+)
 from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
-from fleetlog.roads.formats.base import MOST_VERTICES, Inverse, MapOptions, Reader, RoadMap, at
+from fleetlog.roads.formats.base import MOST_VERTICES, MapOptions, Reader, RoadMap, at
 from fleetlog.store.documents import digest as sha256
 
 HEAD = 4096  # bytes that a format is recognised by
@@ -178,16 +191,13 @@ def _map_file(name: str, path: Path) -> Path:
 
 def _rows(data: dict[str, Any], name: str, where: Path) -> list[dict[str, Any]]:
     """The checked tables of a list [[name]]; ids are made where none are given and may not occur twice."""
-    raw = data.get(name, [])
-    if not isinstance(raw, list):
-        raise SiteError("is not a list of tables", where=where, place=name, do=f"write [[{name}]]")
     keys, required = LISTS[name]
     out: dict[str, dict[str, Any]] = {}
-    for n, given in enumerate(raw):
-        place = f"{name}[{n}]"
-        row = {"id": f"{name}-{n + 1}", **schema.table(given, keys, where, place, required, SiteError)}
+    for n, given in enumerate(schema.rows(data, name, keys, where, required, SiteError)):
+        row = {"id": f"{name}-{n + 1}", **given}
         if row["id"] in out:
-            raise SiteError(f"the id {row['id']!r} occurs twice", where=where, place=place, do="rename one")
+            what = f"the id {row['id']!r} occurs twice"
+            raise SiteError(what, where=where, place=f"{name}[{n}]", do="rename one")
         out[row["id"]] = row
     return list(out.values())
 
@@ -200,11 +210,11 @@ def _frame(data: dict[str, Any], where: Path) -> Frame | None:
     if not isinstance(given, dict) or "crs" not in given:
         return Frame(**schema.table(given, {**ORIGIN, **AXES}, where, "frame", tuple(ORIGIN), SiteError))
     values = schema.table(given, {**PROJECTED, **AXES}, where, "frame", tuple(PROJECTED), SiteError)
-    found = frame_of_crs(values["crs"], values["easting"], values["northing"], values.get("rotation"))
+    found = frame_at(partial(geographic, values["crs"]), values["easting"], values["northing"])
     if not math.isfinite(found.latitude + found.longitude):
         raise SiteError("the origin lies outside the reference system", where=where, place="frame",
                         do="correct easting and northing")  # fmt: skip
-    return replace(found, timezone=values["timezone"]) if "timezone" in values else found
+    return replace(found, **{k: values[k] for k in AXES if k in values})
 
 
 SAME = 0.01  # local metres of a map stay untouched where its frame reproduces them within this [m]
@@ -240,12 +250,8 @@ def _own_frame(earth: Inverse, points: Floats) -> Frame:
     near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())
     origin = np.zeros(2) if near else (low + high) / 2.0
     step = max(1.0, float((high - low).max()) / 2.0)
-    axis = np.array([origin, [origin[0] + step, origin[1]]])
-    latitude, longitude = earth(axis[:, 0], axis[:, 1])
-    plain = Frame(float(latitude[0]), float(longitude[0]))
-    east, north = plain.to_local(latitude, longitude)
-    rotation = math.atan2(float(north[1] - north[0]), float(east[1] - east[0]))
-    return replace(plain, rotation=rotation if abs(rotation) > 1e-9 else 0.0)
+    frame = frame_at(earth, float(origin[0]), float(origin[1]), step)
+    return frame if abs(frame.rotation) > 1e-9 else replace(frame, rotation=0.0)
 
 
 def _centre_frame(latitude: Floats, longitude: Floats) -> Frame:

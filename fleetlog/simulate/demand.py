@@ -88,8 +88,7 @@ def demand_like(
 
 def recorded_hours(dataset: Dataset) -> Floats:
     """(24,) how many hours of recording fall on each hour of the day."""
-    start, end = (np.datetime64(str(dataset.meta[k]).removesuffix("Z"), "us") for k in ("start", "end"))
-    at, last = (float(t.astype(np.int64)) * 1e-6 for t in (start, end))
+    at, last = (t * 1e-6 for t in dataset.span or (0, 0))
     hour = np.arange(at // 3600.0, -(-last // 3600.0) + 1.0)
     hours = np.diff(np.clip(3600.0 * hour, at, last)) / 3600.0
     return np.asarray(np.bincount(hour[:-1].astype(int) % 24, hours, 24), dtype=np.float64)

@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog import scratch
+from fleetlog.core.arrays import microseconds
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
 from fleetlog.errors import DataError, FleetlogError, InputError, OutputError, nearest
@@ -74,6 +75,12 @@ class Dataset:
     def rows(self) -> int:
         """Rows in all."""
         return int(self.meta["rows"])
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """First and last time [us]; None without rows."""
+        start, end = self.meta["start"], self.meta["end"]
+        return (microseconds(start), microseconds(end)) if start and end else None
 
     @property
     def vehicles(self) -> list[str]:

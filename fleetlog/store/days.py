@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog import engines
+from fleetlog.core.arrays import Array
 from fleetlog.store.dataset import Dataset, is_url
 from fleetlog.store.output import PARTIALS
 
@@ -157,7 +157,7 @@ def code_digest() -> str:
 def encode(value: Any) -> bytes:
     """Bytes that depend on the value alone, not on the process or on the order of a set. JSON of eight bytes'
     length and then the arrays, one behind the other; tuples and sets are lists in it."""
-    arrays: list[NDArray[Any]] = []
+    arrays: list[Array] = []
 
     def told(value: Any) -> Any:
         if isinstance(value, np.generic):

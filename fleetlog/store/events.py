@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Array, Floats, Ints
 from fleetlog.core.columns import ARROW, Column
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import InputError
@@ -34,7 +33,7 @@ class Lines(NamedTuple):
     lengths: Ints
 
 
-Columns = Mapping[str, NDArray[Any] | Labels | Lines]
+Columns = Mapping[str, Array | Labels | Lines]
 """Of some rows: numbers, times [us] and -1 for null, labels, or polylines."""
 KEPT = 1 << 17  # Rows of a table that are kept before they are written
 
@@ -87,7 +86,7 @@ def _schema(name: Name) -> pa.Schema:
     )
 
 
-def _array(values: NDArray[Any] | Labels | Lines, kind: str) -> pa.Array:
+def _array(values: Array | Labels | Lines, kind: str) -> pa.Array:
     if isinstance(values, Labels):
         names = pa.array([*values.names, None], pa.string())
         return names.take(pa.array(np.where(values.codes < 0, len(values.names), values.codes)))

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import tomli_w
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
@@ -143,8 +144,6 @@ NOWHERE = Frame(0.0, 0.0)  # The frame of a site of unknown place: GeoJSON knows
 def write_site(site: Site, folder: Path, more: Mapping[str, Mapping[str, Any]] | None = None) -> None:
     """Write ``site`` into an existing folder; ``more`` holds further properties of its roads by edge id.
     Coordinates are good to 0.1 mm. A site without a frame gets one at latitude and longitude 0."""
-    import tomli_w
-
     frame = site.frame or NOWHERE
     if site.network is not None:
         write_json(folder / "roads.geojson", roads_geojson(site.network, frame, more or {}))

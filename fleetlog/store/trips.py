@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import Array, Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ MIN_STOP = 15.0  # A shorter standstill does not end a trip: it is a wait on the
 MAX_GAP = 60.0  # A longer silence of the log ends a trip [s]
 MIN_LOAD_CHANGE = 25.0  # A change of payload at a standstill ends a trip, however short the stop [kg]
 
-Columns = dict[str, NDArray[Any]]
+Columns = dict[str, Array]
 
 
 def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from fleetlog.core.arrays import DAY
 from fleetlog.core.columns import HIVE_NULL
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
@@ -26,7 +27,6 @@ from fleetlog.store.trips import Columns, contents_of, trip_pieces, trips_of
 from fleetlog.version import FORMAT_VERSION
 
 Kind = Literal["recorded", "simulated"]
-DAY = 86_400_000_000
 ROW_GROUP, BATCH = 1 << 17, 1 << 13
 REPEATED = {"payload", "fork_height", "ambient_temperature"}  # Numbers that stay the same for many rows
 SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]

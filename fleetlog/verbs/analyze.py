@@ -64,13 +64,13 @@ class Analyses:
     @staticmethod
     def lines() -> dict[str, str]:
         """Every analysis with its one line, without importing any."""
-        return part_lines(PACKAGE, "ANALYSIS")
+        return part_lines(PACKAGE, "")
 
     @staticmethod
     @cache
     def named(name: str) -> Analysis:
         """The analysis called ``name``, imported when first used."""
-        return Analysis(name, part(PACKAGE, "ANALYSIS", name))
+        return Analysis(name, part(PACKAGE, "", name))
 
     def __repr__(self) -> str:
         return f"<fleetlog.analyze: {', '.join(self.lines())}>"

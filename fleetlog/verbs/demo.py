@@ -1,4 +1,4 @@
-"""Do the whole job on sample data."""
+"""Run the whole workflow on sample data."""
 
 import contextlib
 import shlex

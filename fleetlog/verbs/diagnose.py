@@ -39,7 +39,7 @@ def diagnose(
     against : simulated dataset to compare with, in place of the nominal model alone.
     channels : channels to judge, comma-separated: battery_power, soc, speed; all by default.
     terms : terms that may be named, comma-separated; all by default.
-    without : columns to withhold, comma-separated, z for one: what they explain is looked for.
+    without : columns to withhold, comma-separated (z, say); diagnose then looks for what they explain.
     holdout : what is held out of the search, and judges its result.
     gate : exit with 0 only if every channel was judged and nothing is missing.
     seed : seed of the cross-validation splits.
@@ -47,10 +47,11 @@ def diagnose(
     """
     from fleetlog.discovery import diagnose as discovery
     from fleetlog.discovery.report.output import as_result, write_diagnosis
-    from fleetlog.report.diagnosis import diagnosis_page
-    from fleetlog.view.results import write_result_recording
 
     def write(folder: Path) -> None:
+        from fleetlog.report.diagnosis import diagnosis_page
+        from fleetlog.view.results import write_result_recording
+
         write_diagnosis(found, folder)
         (folder / "report.html").write_text(diagnosis_page(found, told, place), encoding="utf-8")
         write_result_recording(told, place, folder / "recording.rrd")

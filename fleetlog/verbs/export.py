@@ -10,7 +10,7 @@ from fleetlog.core.arguments import PartOf
 
 @verb()
 def export(
-    dataset: DatasetLike, *, to: Annotated[str, PartOf("fleetlog.exporters", "EXPORTER")], output: PathLike,
+    dataset: DatasetLike, *, to: Annotated[str, PartOf("fleetlog.exporters", "write")], output: PathLike,
     vehicle: tuple[str, ...] = (), overwrite: bool = False,
 ) -> Answer:  # fmt: skip
     """Write DATASET in another format: tables, tracks, recordings, SUMO.

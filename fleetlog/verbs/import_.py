@@ -32,9 +32,8 @@ def import_(
     profile : what the columns are (TOML); see docs/logs.md.
     align : fit the log's own frame (x, y) to the roads of the site.
     dry_run : show the first rows as they would be read; write nothing.
-    recording : write the replay (``fleetlog view`` can make it later).
     rate : samples per second of each vehicle in the replay.
-    append : add the rows to a dataset that is there, of which the site is used; no replay is written.
+    append : add the rows to an existing dataset, with its site; no replay is written.
     output : folder of the dataset, or a URL (``s3://...``).
 
     Examples

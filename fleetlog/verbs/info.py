@@ -1,26 +1,26 @@
 """Describe a dataset, log, map, site, truck or recording, or a folder that fleetlog wrote."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fleetlog.api.answer import Answer
 from fleetlog.api.inputs import DatasetLike, existing
 from fleetlog.api.verb import verb
+from fleetlog.core.network import Network
+from fleetlog.core.schema import load_toml
+from fleetlog.core.truck import load_truck, truck_to_dict
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, FormatError, InputError
+from fleetlog.roads import load_site
+from fleetlog.store import Dataset
 from fleetlog.store.dataset import is_url
+from fleetlog.store.events import read_table
 from fleetlog.store.output import MARK
-
-if TYPE_CHECKING:
-    from fleetlog.core.network import Network
-    from fleetlog.store import Dataset
 
 Figures = dict[str, Any]
 LISTED = 30  # Entries of a list that are shown
@@ -127,8 +127,6 @@ def _log_or_map(path: Path) -> Figures:
 
 
 def _dataset(path: Path) -> Figures:
-    from fleetlog.store import Dataset
-
     d = Dataset(path)
     told = ("format_version", "site", "vehicles", "start", "end", "rows", "columns", "provenance")
     replay = (path / "recording.rrd").is_file()
@@ -138,8 +136,6 @@ def _dataset(path: Path) -> Figures:
 
 def _events(dataset: Dataset) -> Figures:
     """What the tables beside the trajectories say; nothing where there are none."""
-    from fleetlog.store.events import read_table
-
     tasks, stretches = read_table(dataset, "tasks"), read_table(dataset, "activities")
     if tasks is None or stretches is None:
         return {}
@@ -188,8 +184,6 @@ def _log(path: Path) -> Figures:
 
 
 def _map(path: Path) -> Figures:
-    from fleetlog.roads import load_site
-
     site, reports = load_site(path)
     kind = "site" if path.suffix.lower() == ".toml" or path.is_dir() else "map"
     return {
@@ -209,9 +203,6 @@ def _network(n: Network) -> Figures:
 
 
 def _truck_or_site(path: Path) -> Figures:
-    from fleetlog.core.schema import load_toml
-    from fleetlog.core.truck import load_truck, truck_to_dict
-
     given = load_toml(path).keys()
     if "chassis" in given:
         return {"kind": "truck", "path": str(path), **truck_to_dict(load_truck(path))}

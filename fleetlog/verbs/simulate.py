@@ -78,7 +78,7 @@ def simulate(
     without : leave a term of the physics out; may be repeated.
     rate : rows per second of each truck.
     step : time step of the simulation [s].
-    start : first moment (UTC, ISO 8601); by default 2026-01-05T06:00, or the start of --like.
+    start : start of the simulation (UTC, ISO 8601); by default 2026-01-05T06:00, or the start of --like.
     soc : state of charge at the start.
     charge_below : state of charge that sends a truck to charge.
     policy : charge also when there is nothing else to do, or only when --charge-below is reached.
@@ -88,7 +88,6 @@ def simulate(
     runs : number of seeds of an experiment, from --seed on.
     chemistry : chemistry of the battery; constant: constant voltage.
     temperature : temperature of the air [degC].
-    recording : write the replay (``fleetlog view`` can make it later).
     output : folder of the dataset.
 
     Examples

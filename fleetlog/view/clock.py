@@ -18,8 +18,8 @@ from fleetlog.errors import InputError
 from fleetlog.store import Dataset
 
 SKIPPED = "gaps skipped"  # Name of the timeline without silences: weeks play as their shifts
-MINUTE, QUIET, DAY = 60_000_000, 30, 86_400_000_000
-"""A silence of the whole fleet longer than so many minutes is skipped; a minute and a day [us]."""
+MINUTE = 60_000_000  # [us]
+QUIET = 30  # A silence of the whole fleet longer than this is skipped [minutes]
 MOST_LINES, MOST_DAYS = 20, 7  # Periods that the summary names, and days that an error names
 GAP = 10_000_000  # A silence longer than this [us], and than five sampling intervals, is shown as a gap
 Extent = tuple[float, float, float, float]  # xmin, ymin, xmax, ymax [m]
@@ -48,13 +48,6 @@ class OneDay(Dataset):
 def opened(path: str | Path, day: str | None) -> Dataset:
     """The dataset, or one ``day`` of it."""
     return Dataset(path) if day is None else OneDay(path, day)
-
-
-def span_of(dataset: Dataset) -> tuple[int, int] | None:
-    """First and last time [us]; None for a dataset without rows."""
-    ends = [dataset.meta.get(key) for key in ("start", "end")]
-    start, end = (int(np.datetime64(e.removesuffix("Z"), "us").astype(np.int64)) if e else None for e in ends)
-    return None if start is None or end is None else (start, end)
 
 
 @dataclass(frozen=True)

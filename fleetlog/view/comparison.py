@@ -12,7 +12,7 @@ from fleetlog.core.trajectory import Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, clock, palette
-from fleetlog.view.clock import dataset_outline, opened, span_of
+from fleetlog.view.clock import dataset_outline, opened
 from fleetlog.view.fleet import Fleet, curve_style, log_curve
 from fleetlog.view.recording import MANY, RATE, drawn, log_fleet, summary_markdown
 from fleetlog.view.scene import log_site
@@ -43,7 +43,7 @@ def write_comparison(
     recorded, simulated = opened(recorded_path, day), Dataset(simulated_path)
     if day in simulated.dates:
         simulated = opened(simulated_path, day)
-    spans = span_of(recorded), span_of(simulated)
+    spans = recorded.span, simulated.span
     (begin, end), (first, last) = (span or (0, 0) for span in spans)
     shift = 0 if None in spans or (begin <= last and first <= end) else begin - first
     a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")

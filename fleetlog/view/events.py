@@ -29,7 +29,7 @@ from fleetlog.core.site import Place, PlaceKind
 from fleetlog.store import Dataset
 from fleetlog.store.events import ACTIVITIES, TABLES, read_table
 from fleetlog.view import palette, ribbons
-from fleetlog.view.clock import OneDay, span_of
+from fleetlog.view.clock import OneDay
 from fleetlog.view.fleet import Lane, curve_style, log_curve
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_places
@@ -74,7 +74,7 @@ def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
     tasks, doing, held, ways, bays = (read_table(dataset, name, compact=True) for name in TABLES)
     if tasks is None or doing is None or held is None or ways is None or bays is None:
         return None
-    first, last = (isinstance(dataset, OneDay) and span_of(dataset)) or (-NEVER, NEVER)
+    first, last = (isinstance(dataset, OneDay) and dataset.span) or (-NEVER, NEVER)
 
     def clocked(table: pd.DataFrame) -> pd.DataFrame:
         """What lies outside the time that is shown is moved to its ends."""

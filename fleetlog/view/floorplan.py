@@ -1,10 +1,12 @@
 """The site on paper, in axes of metres: roads, buildings, places, heat, scale bar and north arrow."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
+from matplotlib.patches import Circle, FancyArrowPatch
+from matplotlib.patheffects import withStroke
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.result import EdgeValues, Flows, Grid, Marks, MovingLines, Result
@@ -12,9 +14,6 @@ from fleetlog.core.site import Site
 from fleetlog.view import palette, ribbons
 from fleetlog.view.clock import Extent, around, shapes_outline
 from fleetlog.view.palette import Scale, colour_map
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 INK, ROAD, BUILDING = "#33373d", "#b9c0c9", "#eceef1"
 MARKS = {
@@ -33,8 +32,6 @@ def frame_map(result: Result, site: Site) -> Extent:
 
 def draw_site(axes: Axes, site: Site) -> None:
     """Buildings and zones as pale areas, roads as grey lines."""
-    from matplotlib.collections import LineCollection, PolyCollection
-
     buildings, zones = ([ribbons.open_ring(a.polygon) for a in own] for own in (site.buildings, site.zones))
     solid: Any = {"facecolors": BUILDING, "edgecolors": "#c9cdd3", "lw": 0.7, "zorder": 0}
     rim: Any = {"facecolors": "none", "edgecolors": "#b98a2f", "lw": 0.8, "linestyles": "--", "zorder": 0.5}
@@ -51,8 +48,6 @@ def _road_lines(site: Site) -> list[Floats]:
 
 def draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
     """Heat on the floor; what a colour bar is made of."""
-    from matplotlib.collections import LineCollection
-
     rows, columns = grid.values.shape
     where = (grid.x0, grid.x0 + columns * grid.cell, grid.y0, grid.y0 + rows * grid.cell)
     values = np.ma.masked_invalid(np.where(grid.values == 0.0, np.nan, grid.values))
@@ -73,8 +68,6 @@ def draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
 
 def draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
     """Values of a road's directions side by side, each where it is driven; what a colour bar is made of."""
-    from matplotlib.collections import LineCollection
-
     network = site.roads()
     span = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
     shift = 0.006 * float(span) * (1.0 if site.traffic == "left" else -1.0)
@@ -110,8 +103,6 @@ def draw_overlay(axes: Axes, result: Result, layer: str | None = None) -> None:
 
 def _draw_flows(axes: Axes, flows: Flows) -> None:
     """Bent arrows, so that both directions are seen; the strongest on top."""
-    from matplotlib.patches import FancyArrowPatch
-
     share = flows.weight / max(float(flows.weight.max(initial=0.0)), 1e-300)
     for k in np.argsort(share):
         axes.add_patch(FancyArrowPatch(
@@ -130,8 +121,6 @@ def _note(axes: Axes, text: str) -> None:
 
 def _draw_lines(axes: Axes, shape: MovingLines) -> None:
     """All lines of all times laid over one another: dense places grow dark."""
-    from matplotlib.collections import LineCollection
-
     every = np.concatenate([np.zeros((0, 2, 2)), *shape.lines])
     flags = np.concatenate([np.zeros(0, bool), *shape.critical]).astype(bool)
     for critical, colour in ((False, "#7fa8c4"), (True, "#c22e2a")):
@@ -143,10 +132,6 @@ def _draw_lines(axes: Axes, shape: MovingLines) -> None:
 
 def _draw_marks(axes: Axes, marks: Marks, taken: list[Extent]) -> None:
     """Rings (chargers: discs) with labels where there is room for them; ``taken`` grows by these."""
-    from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Circle
-    from matplotlib.patheffects import withStroke
-
     colour = MARKS[marks.kind]
     small = (0.003 if marks.kind == "point" else 0.006) * float(np.ptp(axes.get_xlim()))
     sizes = np.maximum(np.asarray(marks.size, float), small)

@@ -1,24 +1,26 @@
 """Pictures of an analysis: a PNG of all its shapes for paper, and single ones as SVG for pages."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import matplotlib
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Array, Floats
 from fleetlog.core.result import Bars, EdgeValues, Grid, Result, Series, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.view import palette
 from fleetlog.view.floorplan import draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
 from fleetlog.view.palette import Scale, scales_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Panel = Series | Bars | Spread
 Layer = Grid | EdgeValues
@@ -41,10 +43,6 @@ FEW = 60  # So many points are marked each: one alone is no line
 
 def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
     """Draw the shapes of a result, 1500 points wide: a map a grid and a set of road values, then panels."""
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     maps: list[Any] = [s for s in result.shapes if isinstance(s, Layer)][:MAX_MAPS]
     if not maps and any(not isinstance(s, Panel) for s in result.shapes):
         maps = [None]
@@ -88,10 +86,6 @@ def svg(
     Without a ``shape``, the map of the site with the marks.  ``salt`` must differ among the pictures of a
     page; ``scale`` is that of the map where several share it; ``zone`` the time zone, by default the site's.
     """
-    import matplotlib
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
-
     own: Any = {"font.size": 10.0, "legend.fontsize": 9.0, "svg.fonttype": "none", "svg.hashsalt": salt}
     with matplotlib.rc_context({**STYLE, **own}):
         if isinstance(shape, Panel):
@@ -124,8 +118,6 @@ def _draw(
 
 
 def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale: Scale | None) -> None:
-    from matplotlib.ticker import MaxNLocator
-
     x0, y0, x1, y1 = frame_map(result, site)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal")
     draw_site(axes, site)
@@ -176,18 +168,14 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
         _legend(axes, names)
 
 
-def _over_time(axes: Axes, x: NDArray[Any], values: Floats, zone: str) -> tuple[NDArray[Any], Floats]:
+def _over_time(axes: Axes, x: Array, values: Floats, zone: str) -> tuple[Array, Floats]:
     """Times of a zone; silences are cut out of the axis and marked: a log of shifts has nothing at night."""
-    import pandas as pd
-
     local = pd.to_datetime(x, unit="us", utc=True).tz_convert(zone).tz_localize(None).to_numpy()
     steps = np.diff(local).astype("timedelta64[us]").astype(float)
     # A short step: of few points, or of short shifts, the median is a silence itself.
     usual = float(np.quantile(steps, 0.25, method="lower")) if len(steps) else 0.0
     cut = np.flatnonzero(steps > min(SILENCE * usual, max(2.0 * usual, NIGHT)))
     if not len(cut):
-        from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
         # These two classes of matplotlib carry no types.
         locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
         axes.xaxis.set_major_locator(locator)

@@ -20,14 +20,14 @@ from typing import TypeAlias
 import numpy as np
 import rerun as rr
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import DAY, Floats, Ints, microseconds
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 from fleetlog.view import blueprint, clock, events, palette
 from fleetlog.view import fleet as of
-from fleetlog.view.clock import DAY, SKIPPED, Clock, clock_of, dataset_outline, opened, span_of
+from fleetlog.view.clock import SKIPPED, Clock, clock_of, dataset_outline, opened
 from fleetlog.view.fleet import Fleet, curve_style, log_day
 from fleetlog.view.palette import Colour
 from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body, truck_fork
@@ -72,7 +72,7 @@ def write_recording(
     dataset = opened(dataset_path, day)
     site = dataset.site
     screen = blueprint.Screen(dataset_outline(dataset))
-    if (span := span_of(dataset)) is not None:
+    if (span := dataset.span) is not None:
         screen.start, screen.duration = span[0], (span[1] - span[0]) * 1e-6
     if (clock := clock_of(dataset)) is not None:
         screen.timeline, screen.duration = SKIPPED, clock.seconds
@@ -161,8 +161,8 @@ def log_together(stream: Stream, fleet: Fleet) -> set[str]:
     dataset, vehicles = fleet.dataset, fleet.dataset.vehicles
     rows, step = max(BLOCK // len(vehicles), 1), max(round(1e6 / min(fleet.rate_hz, STEP_RATE)), 1)
     for date in dataset.dates:
-        begin = int(np.datetime64(date, "us").astype(np.int64))
-        start, end = span_of(dataset) or (begin, begin)
+        begin = microseconds(date)
+        start, end = dataset.span or (begin, begin)
         first, last = max(begin, start), min(begin + DAY - 1, end)
         ticks = np.arange(-(-first // step) * step, last + 1, step, dtype=np.int64)
         with tempfile.TemporaryFile() as scratch:

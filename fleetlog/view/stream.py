@@ -14,15 +14,14 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import rerun as rr
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Ints
+from fleetlog.core.arrays import Array, Ints
 from fleetlog.errors import OutputError
 from fleetlog.store.output import remade
 from fleetlog.view.clock import SKIPPED, Clock
 
 APPLICATION, TIMELINE = "fleetlog", "utc"
-Singles = NDArray[Any]  # float32: what the viewer keeps of a position anyway
+Singles = Array  # float32: what the viewer keeps of a position anyway
 _FOOTER = struct.Struct("<QQI8sI")
 CHUNK = 32_768  # Rows a chunk: 8 to 65 thousand open fast and keep the viewer's memory low
 ui_points = rr.Radius.ui_points  # A radius in points of the screen

@@ -114,7 +114,7 @@ def test_energy_of_a_run_is_that_of_the_closed_formula() -> None:
 def test_the_cycle_alone_fits_nothing() -> None:
     found = fitted(CYCLE, TRUCK.with_value("resistance.rolling", 0.02))
     assert "fitted" not in status(found).values()
-    assert any("nothing: these runs carry no single number" in line for line in lines(found))
+    assert any("none: these runs determine no single number" in line for line in lines(found))
     assert all(p["value"] is None for p in summary(found)["parameters"])
 
 
@@ -126,7 +126,7 @@ def test_flat_floor_runs_cannot_tell_rolling_from_drive_efficiency() -> None:
         k for k, s in state.items() if s == "fitted"
     )
     said = " ".join(map(blind_line, found.blind))
-    assert "rolling coefficient" in said and "drive efficiency cannot be told apart" in said
+    assert "rolling coefficient" in said and "cannot tell drive efficiency from" in said
     assert "add a coast-down" in said
     # What they do carry is their quotient (section 3.4: energies on a flat floor depend on f / eta only).
     quotient = next(c for c in found.combinations if c.powers[0][0].key == "resistance.rolling")
@@ -150,7 +150,7 @@ def test_what_no_run_touches_keeps_its_prior_exactly() -> None:
     held = {e.unknown.key: e for e in found.estimates}["lift.recuperation"]
     assert held.status == "held" and held.value == TRUCK.lift.recuperation
     assert any(
-        "say nothing of lowering recuperation: add lowering runs" in blind_line(b) for b in found.blind
+        "show nothing of lowering recuperation: add lowering runs" in blind_line(b) for b in found.blind
     )
     assert "lift.recuperation" not in {
         p["key"] for p in summary(found)["parameters"] if p["value"] is not None

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from fleetlog.core.network import Edge, build_network, reversed_edge
-from fleetlog.core.site import Frame, MapFrame, Site, frame_of_crs, geographic, site_from_dict, site_to_dict
+from fleetlog.core.site import Frame, MapFrame, Site, frame_at, geographic, site_from_dict, site_to_dict
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError, InputError
 from fleetlog.importers._profile import profile_from_dict
@@ -107,7 +108,7 @@ def test_an_epsg_code_says_where_easting_and_northing_are():
     # UTM: the meridian of zone 32 is 9 degrees east, its false easting 500 km, its scale there 0.9996.
     _, longitude = geographic("EPSG:25832", [500_000.0], [5_500_000.0])
     assert longitude[0] == pytest.approx(9.0, abs=1e-9)
-    frame = frame_of_crs("EPSG:25832", 500_000.0, 5_500_000.0)
+    frame = frame_at(partial(geographic, "EPSG:25832"), 500_000.0, 5_500_000.0)
     assert frame.rotation == pytest.approx(0.0, abs=1e-6)
     _, y = frame.to_local(*geographic("EPSG:25832", [500_000.0], [5_501_000.0]))
     assert float(y[0]) == pytest.approx(1000.0 / 0.9996, abs=0.01)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 import subprocess
 import sys
 import time
@@ -15,10 +16,12 @@ import pytest
 from click.testing import CliRunner
 
 import fleetlog
+import fleetlog.analysis
 from fleetlog.api.verb import Verb
 from fleetlog.cli.commands import OPTIONAL_OUTPUT, TELLING, verb_lines
 from fleetlog.cli.main import cli
 from fleetlog.core.arguments import Between, count_or_range, hour_range, moment, seconds, shift_hours
+from fleetlog.registry import part_lines
 from fleetlog.verbs.analyze import analyze
 
 HEAVY = {"numpy", "pandas", "pyarrow", "scipy", "numba", "rerun", "matplotlib", "pyproj", "networkx", "click"}
@@ -198,3 +201,16 @@ def test_every_answer_can_be_saved(recorded: fleetlog.Result, sample: Path, tmp_
     assert recorded.save(tmp_path / "copy", overwrite=True).is_dir()
     with pytest.raises(fleetlog.FleetlogError, match="no dataset"):
         _ = described.dataset
+
+
+def test_a_file_in_the_folder_of_analyses_is_an_analysis(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As docs/extend.md says, with the file that it prints."""
+    page = (Path(__file__).parents[2] / "docs" / "extend.md").read_text(encoding="utf-8")
+    (tmp_path / "idle.py").write_text(re.findall(r"```python\n(.*?)```", page, re.DOTALL)[0])
+    monkeypatch.setattr(fleetlog.analysis, "__path__", [*fleetlog.analysis.__path__, str(tmp_path)])
+    part_lines.cache_clear()
+    assert analyze.lines()["idle"].startswith("Idle time")
+    assert {o.name for o in analyze.idle.options} >= {"dataset", "below"}
+    part_lines.cache_clear()

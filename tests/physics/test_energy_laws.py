@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
 import itertools
 from dataclasses import fields, replace
 
@@ -14,6 +16,7 @@ from hypothesis import strategies as st
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.truck import SECTIONS, Chassis, Truck, load_truck
+from fleetlog.physics import formulas
 from fleetlog.physics.cycles import legs, vdi_pieces
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.power import Own, Physics, all_terms, battery_power, ledger, soc_change, term_forces
@@ -243,6 +246,14 @@ def test_every_term_has_the_dimension_of_what_it_says(name: str, monkeypatch: py
 
 
 # ---- closed formulas
+
+
+def test_every_formula_is_that_of_one_term_and_calls_no_other() -> None:
+    tree, terms = ast.parse(inspect.getsource(formulas)), all_terms()
+    own = {f.name for f in tree.body if isinstance(f, ast.FunctionDef)}
+    assert all(terms[name].function is getattr(formulas, name) for name in own)
+    assert not own & {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
+    assert all(t.function is not None or t.law for t in terms.values())
 
 
 @given(st.floats(0.2, 5.0), st.floats(0.0, 2500.0), st.floats(0.0, 0.05))

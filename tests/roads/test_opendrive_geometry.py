@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from fleetlog.core.network import distance_to_segment
+from fleetlog.core.site import MapFrame
 from fleetlog.roads.formats import _odr_geometry as geo
-from fleetlog.roads.formats.opendrive import moved
 
 
 def end(curve, length, x=0.0, y=0.0, heading=0.0):
@@ -75,9 +75,9 @@ def test_u_of_a_poly3_is_not_s():
 
 
 def test_header_offset_is_added():
-    x, y = moved(np.array([100.0]), np.array([50.0]), 297133.4, 5623440.5, 0.0)
+    x, y = MapFrame("header", (297133.4, 5623440.5), 0.0).to_site(np.array([100.0]), np.array([50.0]))
     assert (x[0], y[0]) == pytest.approx((297233.4, 5623490.5))
-    x, y = moved(np.array([100.0]), np.array([50.0]), 10.0, 20.0, math.pi / 2)
+    x, y = MapFrame("header", (10.0, 20.0), math.pi / 2).to_site(np.array([100.0]), np.array([50.0]))
     assert (x[0], y[0]) == pytest.approx((-40.0, 120.0))
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.clusters.steps import DAY, Crowds
-from fleetlog.core.arrays import Floats, Index, Ints
+from fleetlog.analysis.clusters.steps import Crowds
+from fleetlog.core.arrays import DAY, Floats, Index, Ints
 from fleetlog.core.network import Network
 from fleetlog.core.result import Series
 from fleetlog.simulate.places import touching

@@ -15,25 +15,23 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Array, Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
-Columns = dict[str, NDArray[Any]]
+Columns = dict[str, Array]
 Near = tuple[Ints, Ints, Index, Floats]  # See :func:`~fleetlog.analysis.kernels.reachable`
 
 HALT = 1.39  # A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]
-DAY = 86_400_000_000
 MAX_GAP = 15_000_000  # A truck that has been silent for longer is absent [us]
 COLUMNS = ("edge_id", "edge_offset", "speed", "trip_id")
 
 
 @dataclass(frozen=True)
-class Fleet:
+class Snapshots:
     """All trucks on one time grid; (T, V) arrays.  ``edge`` is -1 where a truck is off the map or silent;
     ``standing_by``: it has ended a trip and not set off again: parked, charging or handling a load."""
 
@@ -55,7 +53,7 @@ def standing_by(trajectory: Trajectory) -> Mask:
     return np.asarray(rows > went[trip])
 
 
-def on_grid(dataset: Dataset, date: str, grid: Ints) -> Fleet:
+def on_grid(dataset: Dataset, date: str, grid: Ints) -> Snapshots:
     """The fleet at the times ``grid`` (T,) int64 us of one day, interpolated along the routes."""
     vehicles = tuple(v for v in dataset.vehicles if dataset.parts(v, date))
     shape = (len(grid), len(vehicles))
@@ -66,7 +64,7 @@ def on_grid(dataset: Dataset, date: str, grid: Ints) -> Fleet:
         there = slice(*np.searchsorted(grid, [t.time[0], t.time[-1] + 1]))
         found = routed(t, arrived, grid[there], dataset.site.roads())
         edge[there, v], offset[there, v], speed[there, v], idle[there, v] = found
-    return Fleet(vehicles, grid, edge, offset, speed, idle)
+    return Snapshots(vehicles, grid, edge, offset, speed, idle)
 
 
 def routed(t: Trajectory, arrived: Mask, grid: Ints, network: Network) -> tuple[Index, Floats, Floats, Mask]:
@@ -153,7 +151,7 @@ def find_crowds(dataset: Dataset, date: str, start: int, stop: int, rule: Rule) 
     return replace(ways[rule.include_standing], counts=np.array([_counts(c, rule.limit) for c in ways]))
 
 
-def _clusters(fleet: Fleet, edge: Index, network: Network, near: Near, rule: Rule) -> Crowds:
+def _clusters(fleet: Snapshots, edge: Index, network: Network, near: Near, rule: Rule) -> Crowds:
     """Clusters at every step of the trucks that have an ``edge`` (T, V)."""
     from fleetlog.analysis.kernels import cluster_steps
 

@@ -19,15 +19,16 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
-from fleetlog.core.arrays import Floats, Index, Ints
+from fleetlog.core.arrays import DAY, Floats, Index, Ints
+from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
+from fleetlog.physics.power import Physics, battery_power
 from fleetlog.store import Dataset
-from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
+from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED, runs
 
 ENOUGH_SOC, LEAST_SOC = 0.5, 0.2  # Urgency rises from 0 at the first to 1 at the second state of charge
-LOAD_CHANGE = 25.0
 COLUMNS = ("edge_id", "edge_offset", "speed", "soc", "payload", "x", "y")
 Metric = Literal["distance", "time", "energy"]
 UNITS = {"distance": "m", "time": "s", "energy": "Wh"}
@@ -89,9 +90,9 @@ def day_of(dataset: Dataset, vehicle: str, date: str, shortest: float) -> Unit:
         np.add.at(urgent, vertex[a:b][on], (dt * u)[a:b][on])
         if (u[a:b] > 0).any():
             spells.append((int(vertex[a]), int(t.time[a]), int(t.time[b - 1])))
-    changed = vertex[:-1][np.abs(np.diff(t.floats("payload"))) > LOAD_CHANGE]
+    changed = vertex[:-1][np.abs(np.diff(t.floats("payload"))) > MIN_LOAD_CHANGE]
     loading = np.bincount(changed[changed >= 0], minlength=n).astype(float)
-    day, visits = int(t.time[0] // 86_400_000_000), _visits(edge, time, network)
+    day, visits = int(t.time[0] // DAY), _visits(edge, time, network)
     return Unit(t.vehicle_id, day, visits, standing, urgent, loading, spells)
 
 
@@ -172,9 +173,6 @@ def edge_energies(network: Network, truck: Truck) -> Floats:
     """(E,) Wh that the empty truck takes from its battery over an edge at steady speed, by the nominal model.
     Direction and grade count, since the slope of an edge is taken along its own direction. An edge on which
     more comes back than is spent counts as nothing: a drive is never chosen for what it gives back."""
-    from fleetlog.core.motion import Motion
-    from fleetlog.physics.power import Physics, battery_power
-
     edge, offset = network.stations(PIECE)
     size = (network.length / np.bincount(edge, minlength=len(network)))[edge]
     speed, slope = edge_speeds(network, truck)[edge], network.slope(edge, offset)

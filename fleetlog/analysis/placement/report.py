@@ -13,6 +13,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, listed, percent
+from fleetlog.simulate.demand import like
 from fleetlog.simulate.engine import Settings
 from fleetlog.simulate.limits import Summary
 from fleetlog.simulate.scenario import Scenario
@@ -144,11 +145,8 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Sett
     Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads,
     they are random, and then only the seed is the same.  The power of a planned plug is that of the site's
     first charger that states one."""
-    from fleetlog.simulate.demand import like
-
-    if dataset.kind == "recorded":
-        start = np.datetime64(str(dataset.meta["start"]).rstrip("Z"), "us").astype(np.int64)
-        settings = replace(settings, start=int(start))
+    if dataset.kind == "recorded" and dataset.span is not None:
+        settings = replace(settings, start=dataset.span[0])
     of = settings.vehicles, settings.start, settings.duration, settings.seed
     site, demand, notes = like(dataset, dataset.site, truck, *of)
     mined = frozenset(p.id for p in site.places) - {p.id for p in dataset.site.places}

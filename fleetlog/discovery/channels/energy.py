@@ -73,6 +73,8 @@ class EnergyChannel(Channel):
         energy = _recorded(c, self.name, capacity, SILENCE * self.seconds)
         frame = c.windows()
         whole = np.isfinite(energy) & self._seen_lifts(c, frame.duration, energy)
+        if self.measured:  # Without its power nothing says what a truck drew.
+            whole &= np.isfinite(c.energy(block.motion.power))
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
         coarse = (self.charge_step * 3.6 * self.fleet.truck.battery.capacity_wh) ** 2 / 6.0
         e = self.evaluation(block, self.base)

@@ -8,9 +8,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Floats, Index, Indices, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 
@@ -135,7 +134,7 @@ class Stretches(Cells):
         name = self.network.edge_ids[self.road_edge[first]]
         return f"{name} {self.start[first]:.0f}-{self.end[last - 1]:.0f} m"
 
-    def runs(self, mask: Mask, sign: Floats, *, bridged: bool = False) -> list[NDArray[np.intp]]:
+    def runs(self, mask: Mask, sign: Floats, *, bridged: bool = False) -> list[Indices]:
         """Return runs of kept stretches of a road and a sign; ``bridged`` over a single quiet one between."""
         keep, road = mask.copy(), self.road_edge
         if bridged:

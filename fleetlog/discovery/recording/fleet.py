@@ -195,6 +195,10 @@ def absences(fleet: Fleet, once: bool = False) -> list[str]:
         out.append(NOTES["apart" if fleet.own_trips else "once"])
     if fleet.left_out:
         out.append(f"left out, since their logs carry no payload: {', '.join(fleet.left_out)}")
+    powered, charged = ({v for v, t in fleet.days if t.has(c)} for c in ("battery_power", "soc"))
+    if powered and (mute := sorted(charged - powered)):
+        names = ", ".join(fleet.vehicles[v] for v in mute)
+        out.append(f"state of charge not judged, since their logs carry no battery power: {names}")
     if fleet.rarely_placed:
         out.append(NOTES["rarely"])
     if len({v for v, _ in fleet.days}) == 1:

@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import Floats, Indices, Ints, Mask
 from fleetlog.discovery.hypotheses.cells import LARGE, Cells, Squares, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import field_values
@@ -15,7 +14,6 @@ from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.term import Term
 
 FEW = 3  # Windows that must touch a piece before it may be named
-RESOLVED = 20.0  # A truck drives so far in a window: what windows say of less is told by their ends [m]
 DRAWS = 400  # Of the field, for what picking the largest of its values costs
 
 
@@ -68,19 +66,19 @@ def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, 
 
 
 def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
-    """The largest value of an odd field that windows tell apart, as trips allow; of others the mean."""
+    """The largest value of an odd field, corrected for being picked; of others the mean."""
     first = term.parameters[0]
     draws = np.random.default_rng(0).multivariate_normal(
         np.zeros(len(v.covariance)), v.covariance, DRAWS, method="eigh"
     )
+    own, spread = v.deviation[mask], draws @ v.basis[mask].T
     if term.odd:
-        means = _resolved(cells, mask, v.samples >= FEW)
-        own, spread = means @ v.deviation, draws @ (means @ v.basis).T
-        value = float(np.abs(own).max())
-        low, middle, high = np.quantile(np.abs(own + spread).max(axis=1), [0.025, 0.5, 0.975])
+        largest = np.abs(own + spread).max(axis=1)
+        low, middle, high = np.quantile(largest, [0.025, 0.5, 0.975])
+        # The largest of many uncertain values is too large by what one more error of the same size adds.
+        value = max(2.0 * float(np.abs(own).max()) - float(middle), 0.0)
         below, above = max(value + float(low - middle), 0.0), value + float(high - middle)
         return Parameter(term.extreme or first.name, value, below, above, first.unit)
-    own, spread = v.deviation[mask], draws @ v.basis[mask].T
     weight = np.maximum(v.samples[mask], 1).astype(float)
     mean = float(np.average(own, weights=weight))
     error = float((spread @ (weight / weight.sum())).std())
@@ -92,24 +90,12 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
     return interval(first, first.scaled(first.neutral) + mean, error, first.neutral)
 
 
-def _resolved(cells: Cells, mask: Mask, known: Mask) -> Floats:
-    """(R, C) takes values to what windows tell apart: means of two short stretches, one of them large."""
-    alone = np.eye(len(mask))
-    if not isinstance(cells, Stretches):
-        return alone[mask]
-    follows = (np.diff(cells.road_edge) == 0) & (cells.end[1:] - cells.start[:-1] <= RESOLVED)
-    pair = np.append(follows & known[1:] & known[:-1], False)
-    single = ~pair & ~np.append(False, pair[:-1])
-    two = 0.5 * (alone + np.roll(alone, 1, axis=1))
-    return np.concatenate([two[pair & (mask | np.roll(mask, -1))], alone[single & mask]])
-
-
 def extent(middle: Floats) -> list[float]:
     """Return the least and the largest x and y of some cells, as the contract writes them."""
     return [*middle.min(axis=0).tolist(), *middle.max(axis=0).tolist()]
 
 
-def row(cells: Stretches, run: NDArray[np.intp], value: float, low: float, high: float) -> dict[str, Any]:
+def row(cells: Stretches, run: Indices, value: float, low: float, high: float) -> dict[str, Any]:
     """Return what holds on a run of stretches, as the contract writes it."""
     return {
         "edge_id": cells.network.edge_ids[cells.road_edge[run[0]]], "from": float(cells.start[run[0]]),

@@ -399,14 +399,30 @@ def _formed(
 
 
 def _shaped(problem: Problem, found: Search) -> Search:
-    """Set shapes between the values that were scanned, in halved steps, as long as that predicts better."""
-    for h in [h for h in found.joint.chosen if h.setting]:
+    """Set shapes between the values that were scanned, in halved steps, as long as that predicts better, and
+    give even slopes of stretches the shape of a field where that does. Simple shapes go first where a name is
+    looked for; but roads begin to climb gradually: an even slope in their place is too short and steep."""
+    for h in found.joint.chosen:
         own = h
-        for share in (0.5, 0.25, 0.125):
-            for near in own.nearby(share):
-                chosen = [near if c is own else c for c in found.joint.chosen]
-                tried = refit(problem, found.joint.without(own), chosen, 2)
-                if tried.score < found.joint.score:
-                    found.joint, own = tried, near
-        found.rivals[own.kind] = found.rivals.pop(h.kind, [])
+        for near in (n for share in (0.5, 0.25, 0.125) for n in own.nearby(share)):
+            own = _swapped(problem, found, own, near)
+        if h.patterns and h.physics is not None and h.physics.odd:
+            own = _swapped(problem, found, h, replace(h, patterns=(), field=True), problem.settings.evidence)
+        if own != h:
+            found.rivals[own.kind] = found.rivals.pop(h.kind, [])
     return found
+
+
+def _swapped(
+    problem: Problem, found: Search, own: Hypothesis, other: Hypothesis, least: float = 0.0
+) -> Hypothesis:
+    """Put one hypothesis in the place of another if that predicts better; return the one that stands."""
+    chosen, model = [other if c is own else c for c in found.joint.chosen], found.joint.without(own)
+    if other.field:  # About the model as it is, with the variance that fits best
+        model, sums = found.joint.model, problem.sums(found.joint.model, chosen)
+        chosen = list(tuned(problem, sums, model, chosen).chosen)
+    tried = refit(problem, model, chosen, 2)
+    if found.joint.score - tried.score <= least:
+        return own
+    found.joint = tried
+    return next(c for c in chosen if c.kind == other.kind)

@@ -66,8 +66,7 @@ def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajec
     derived = meta.get("summary", {}).get("derived_by_vehicle", {}).get(trajectory.vehicle_id, ())
     if "speed" not in derived or not trajectory.has("x"):
         return trajectory
-    kept = {name: values for name, values in trajectory.columns.items() if name != "speed"}
-    return Trajectory(trajectory.vehicle_id, trajectory.time, kept)
+    return trajectory.without("speed")
 
 
 def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> Rows:

@@ -1,1 +1,1 @@
-"""One file a term, a function of motion and truck (:mod:`fleetlog.physics.term`); others in plain.toml."""
+"""Terms: those of fleetlog in terms.toml; one of a user's own is a file with an object ``TERM``."""

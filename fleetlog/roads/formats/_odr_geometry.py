@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Floats, Indices
 from fleetlog.core.network import distance_to_segment
 from fleetlog.errors import SiteError
 
@@ -121,7 +120,7 @@ class Cubics(NamedTuple):
         return np.asarray(a + ds * (b + ds * (c + ds * d)), dtype=np.float64)
 
 
-def _record(starts: Floats, s: Floats) -> NDArray[np.intp]:
+def _record(starts: Floats, s: Floats) -> Indices:
     """(N,) the last record that starts at or before each s; the first before all."""
     return np.maximum(np.searchsorted(starts, s, side="right") - 1, 0)
 

@@ -13,11 +13,9 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, LoadReport
 from fleetlog.core.schema import shown
-from fleetlog.core.site import MapFrame, Place, PlaceKind
+from fleetlog.core.site import Inverse, MapFrame, Place, PlaceKind
 from fleetlog.errors import SiteError
 
-Inverse = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""x, y [m] of a map to latitude, longitude [degrees]."""
 MPH, KNOT, KMH = 0.44704, 1852.0 / 3600.0, 1.0 / 3.6
 SPEED_UNITS: dict[str, float] = {"m/s": 1.0, "km/h": KMH, "kmh": KMH, "kph": KMH, "mph": MPH, "knots": KNOT}
 

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Floats, Indices, Ints
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
@@ -159,7 +158,7 @@ def _join_lines(lines: list[Edge], split: bool, notes: list[str]) -> list[Edge]:
     return out
 
 
-def _places(points: Floats, owner: NDArray[np.intp], first: Ints) -> Ints:
+def _places(points: Floats, owner: Indices, first: Ints) -> Ints:
     """(P,) place of each vertex: groups within the tolerance, of several roads or of road ends."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components

@@ -18,9 +18,9 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.core.schema import Wrong
-from fleetlog.core.site import PlaceKind, crs, geographic
+from fleetlog.core.site import Inverse, PlaceKind, crs, geographic
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats.base import Inverse, MapOptions, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, number
 
 Level = dict[str, Any]
 

@@ -16,13 +16,13 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, reverse_id
-from fleetlog.core.site import geographic
+from fleetlog.core.site import Inverse, MapFrame, geographic
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats._odr_links import connect
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, parse_road
-from fleetlog.roads.formats.base import HUGE, Inverse, MapOptions, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import HUGE, MapOptions, Reader, RoadMap, Tally, at, number
 
 DRIVEN = frozenset({
     "driving", "bidirectional", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane",
@@ -198,10 +198,11 @@ def _earth(root: Element, notes: list[str]) -> Inverse | None:
     # Vertical grids are not part of an installation and do not move anything in the plane.
     plain = re.sub(r"\+(geoidgrids|vunits)=\S+", "", text) if text.startswith("+") else text
     offset = [(k, root.xpath(f"string(header/offset/@{k})") or 0.0) for k in ("x", "y", "hdg")]
-    by = [number(value, f"header offset, {k}") for k, value in offset]
+    east, north, heading = (number(value, f"header offset, {k}") for k, value in offset)
+    shifted = MapFrame("header", (east, north), heading)  # Map coordinates as the projection takes them
 
     def inverse(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        return geographic(plain, *moved(x, y, *by))
+        return geographic(plain, *shifted.to_site(x, y))
 
     why = _no_place(plain)
     if not why and not np.isfinite(inverse(np.zeros(1), np.zeros(1))).all():
@@ -209,13 +210,6 @@ def _earth(root: Element, notes: list[str]) -> Inverse | None:
     if why:
         notes.append(f"{why}, so the map has no place on earth; state [frame] in a site.toml to give it one")
     return None if why else inverse
-
-
-def moved(x: Floats, y: Floats, east: float, north: float, heading: float) -> tuple[Floats, Floats]:
-    """Map coordinates [m] with the header's offset [m], [rad], as the projection takes them:
-    X = x cos h - y sin h + x_off, Y = x sin h + y cos h + y_off."""
-    c, s = math.cos(heading), math.sin(heading)
-    return x * c - y * s + east, x * s + y * c + north
 
 
 def _no_place(text: str) -> str:

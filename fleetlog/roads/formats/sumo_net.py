@@ -10,10 +10,10 @@ import numpy as np
 
 from fleetlog.core.network import Edge
 from fleetlog.core.schema import Wrong
-from fleetlog.core.site import crs, geographic
+from fleetlog.core.site import Inverse, crs, geographic
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import Inverse, MapOptions, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, number
 
 
 def _read(path: Path, options: MapOptions) -> RoadMap:

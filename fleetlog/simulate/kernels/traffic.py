@@ -3,7 +3,7 @@
 import numpy as np
 
 from fleetlog.compiling import inner, kernel
-from fleetlog.physics.terms.laden_speed import LADEN
+from fleetlog.physics.formulas import LADEN
 from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
 from fleetlog.simulate.kernels.lanes import cross, end_spur, is_safe_lane, let_go, reach_door, safe
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
