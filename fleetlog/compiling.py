@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from numba import njit, types
 from numba.core import event
@@ -55,8 +55,7 @@ class _Quiet(event.Listener):  # type: ignore[misc]
     """Python looks for no garbage while a kernel is compiled: a tenth of that time for nothing, since what
     numba makes of a kernel lasts until it is compiled."""
 
-    def __init__(self) -> None:
-        self.was = [gc.isenabled()]
+    was: ClassVar[list[bool]] = []
 
     def on_start(self, _: event.Event) -> None:
         self.was.append(gc.isenabled())
@@ -84,9 +83,7 @@ def stamp(root: Path) -> str:
 # entrance from Python, which would unpack all those arrays.  Nor is a whole row assigned at once: what numba
 # compiles to say that its length is wrong takes longer than a filter.
 # ``no_rewrites`` leaves out passes over their code that serve closures, array expressions and ``raise``.
-_OPTIONS: dict[str, Any] = {
-    "_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True, "no_rewrites": True
-}  # fmt: skip
+_OPTIONS = {"_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True, "no_rewrites": True}
 
 outer = kernel(**_OPTIONS)
 inner = kernel(**_OPTIONS, no_cpython_wrapper=True)

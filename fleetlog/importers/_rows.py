@@ -91,9 +91,8 @@ class Rows:
 
     def take(self) -> RawBatch:
         """The rows so far as a batch; starts afresh."""
-        names = dict.fromkeys(
-            (*self._always, *(n for names in dict.fromkeys(map(tuple, self._values)) for n in names))
-        )
+        kinds = dict.fromkeys(map(tuple, self._values))
+        names = dict.fromkeys(name for kind in (self._always, *kinds) for name in kind)
         columns = {name: _column([row.get(name) for row in self._values]) for name in names}
         time, record = (np.array(v, dtype=np.int64) for v in (self._time, self._record))
         batch = RawBatch(Labels.of(self._vehicle), time, columns, record, self._rejects, self._share())

@@ -39,14 +39,9 @@ class _Gpx(Elements):
         values: dict[str, Any] = {"latitude": finite(point.get("lat")), "longitude": finite(point.get("lon"))}
         time = None
         for leaf in point:
-            name = local(leaf)
-            if name in _KEPT:
-                values[_KEPT[name]] = finite(leaf.text)
-            elif name == "time":
+            if (name := local(leaf)) == "time":
                 time = leaf.text
-            elif name in _COURSES:
-                values["heading"] = heading_of_course(finite(leaf.text))
-            elif len(leaf):
+            elif not _known(values, name, leaf.text) and len(leaf):
                 _extend(values, leaf)
         self.rows.add_iso(self._vehicle, time, number, values, point.attrib)
 
@@ -68,15 +63,20 @@ class _Gpx(Elements):
                 self.report.note(f"{count(self.seen[tag], noun)} left out: no motion")
 
 
+def _known(values: dict[str, Any], name: str, text: str | None) -> bool:
+    """Take what every device calls alike."""
+    if name in _KEPT:
+        values[_KEPT[name]] = finite(text)
+    elif name in _COURSES:
+        values["heading"] = heading_of_course(finite(text))
+    return name in _KEPT or name in _COURSES
+
+
 def _extend(values: dict[str, Any], part: Any) -> None:
-    """Take what an extension says: courses, and numbers and labels under their own names."""
+    """Take what an extension says besides: numbers and labels under their own names."""
     for leaf in part.iterdescendants("{*}*"):
         name = local(leaf)
-        if name in _KEPT:
-            values[_KEPT[name]] = finite(leaf.text)
-        elif name in _COURSES:
-            values["heading"] = heading_of_course(finite(leaf.text))
-        elif not len(leaf):
+        if not _known(values, name, leaf.text) and not len(leaf):
             figure, column = finite(leaf.text), BY_NAME.get(name)
             if figure == figure and name not in ("latitude", "longitude"):
                 values[name] = figure

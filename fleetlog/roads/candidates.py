@@ -32,21 +32,8 @@ class Prepared:
         ptr, nearest = np.zeros(n + 1, np.int64), np.empty(MOST_CANDIDATES // 2, np.int64)
         feet = np.empty((2, len(nearest)))
         at = 0
-        while (
-            at := _find(
-                x,
-                y,
-                self.lines,
-                self.roads.length,
-                self.grid,
-                radius,
-                margin,
-                at,
-                Candidates(ptr, *columns),
-                nearest,
-                *feet,
-            )
-        ) < n:
+        given = x, y, self.lines, self.roads.length, self.grid, radius, margin
+        while (at := _find(*given, at, Candidates(ptr, *columns), nearest, *feet)) < n:
             columns = tuple(np.resize(c, 2 * len(c)) for c in columns)
         return Candidates(ptr, *(c[: ptr[-1]].copy() for c in columns))
 

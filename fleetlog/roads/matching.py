@@ -125,9 +125,8 @@ def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
     some = np.diff(near.ptr) > 0
     if not some.any():
         return max(noise, 5.0)
-    return float(
-        np.clip(1.4826 * np.median(np.abs(near.lateral[near.ptr[:-1][some]])), max(0.3, 0.5 * noise), 20.0)
-    )
+    usual = np.median(np.abs(near.lateral[near.ptr[:-1][some]]))
+    return float(np.clip(1.4826 * usual, max(0.3, 0.5 * noise), 20.0))
 
 
 def _from_residuals(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> dict[str, float]:
@@ -206,10 +205,9 @@ def _rows(
     noise = max(p.noise, 0.02) ** 2
     position_var = np.where(still, noise / np.diff(groups.first)[group], noise)
     speed = np.where(still, 0.0, track.speed), np.where(still, 1e-6, p.speed_noise**2)
-    kept = np.empty((7, len(group)))
     where = np.where(still | (first == last)[group], centre, where)
     known = *track[:3], speed[0], still, centre, near[group], position_var, speed[1], where
-    return Rows._make([*known, *kept[:2], kept[2:]])
+    return Rows._make([*known, *np.empty((2, len(group))), np.empty((5, len(group)))])
 
 
 def _reasons(

@@ -24,9 +24,8 @@ IDLE_ENTER = float(
     np.exp(-2.0)
 )  # of entering one only to stand there: a truck at a node has not left its edge
 OVER = 1.0 + 1e-9  # chances that are nearer to each other are equal
-Step = tuple[
-    float, float, float, float, float
-]  # travelled distance, its scale, reach; chances: entering, turning
+Step = tuple[float, float, float, float, float]
+"""Distance travelled, its spread, how far a way is tried [m]; chances of entering an edge and of turning."""
 FAR = 16.0 * float(np.exp(-4.0))
 
 
@@ -85,19 +84,8 @@ def model_of(
 ) -> Model:
     """Put together what :func:`decode` needs; an array less is a hundredth less to compile."""
     known = store.begin, store.reached, store.target, store.away
-    return Model(
-        roads.length,
-        roads.reverse,
-        roads.rank,
-        *known,
-        near.ptr,
-        near.edge,
-        near.offset,
-        own,
-        groups.moved,
-        groups.still,
-        *numbers,
-    )
+    of_roads, of_groups = (roads.length, roads.reverse, roads.rank), (groups.moved, groups.still)
+    return Model._make([*of_roads, *known, near.ptr, near.edge, near.offset, own, *of_groups, *numbers])
 
 
 @fast_inner

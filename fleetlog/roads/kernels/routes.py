@@ -101,13 +101,11 @@ def _kind(store: Store, roads: Roads, a: int, s: float, b: int, t: float, moved:
 def route_posterior(choice: Choice, near: Candidates, routes: Routes) -> Floats:
     """(G,) posterior of the candidates on the previous, same and following piece of the route."""
     size, piece = np.diff(near.ptr), routes.piece
-    if not len(routes.edge):
-        return np.zeros(len(size))
-    on = np.zeros(len(near.edge), np.bool_)
+    on, edge = np.zeros(len(near.edge), np.bool_), np.append(routes.edge, -1)
     for beside in (-1, 0, 1):
-        other = np.clip(piece + beside, 0, len(routes.edge) - 1)
+        other = np.clip(piece + beside, 0, len(routes.edge))
         apart = (routes.firsts[routes.of] > other) | (routes.firsts[routes.of + 1] <= other)
-        on |= near.edge == np.repeat(np.where(apart | (piece < 0), -1, routes.edge[other]), size)
+        on |= near.edge == np.repeat(np.where(apart, -1, edge[other]), size)
     group = np.repeat(np.arange(len(size)), size)[on]
     chance = choice.posterior[np.flatnonzero(on) + group]
     return np.minimum(np.bincount(group, chance, len(size)), 1.0)
