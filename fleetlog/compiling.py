@@ -4,14 +4,17 @@ numba itself looks only at the file that a kernel is in.  Not at the kernels in 
 into it, and not at the records that it takes, whose old names it would fail to find after an upgrade.
 """
 
+import gc
 import hashlib
 import re
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from numba import njit, types
+from numba.core import event
+from numba.core.compiler import Flags
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -24,6 +27,7 @@ def kernel(**options: Any) -> Callable[[F], F]:
             made = njit(cache=True, **options)(function)
         except RuntimeError:  # numba found no folder that it can write
             made = njit(**options)(function)
+        made._compiler._customize_flags = _Flags
         # A loop's counter begins as the literal 0: without this a kernel would be compiled for that, too.
         made.get_call_template = lambda args, kws: type(made).get_call_template(
             made, tuple(map(types.unliteral, args)), kws
@@ -34,6 +38,35 @@ def kernel(**options: Any) -> Callable[[F], F]:
         return made  # type: ignore[no-any-return]
 
     return compiled
+
+
+class _Flags(Flags):  # type: ignore[misc]
+    """The options of a kernel, told apart by those that are set.  numba asks for every operator of a kernel,
+    some dozens of times, whether it knows it with these options: a tenth of its time."""
+
+    def __hash__(self) -> int:
+        return len(self._values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Flags) and self._values == other._values
+
+
+class _Quiet(event.Listener):  # type: ignore[misc]
+    """Python looks for no garbage while a kernel is compiled: a tenth of that time for nothing, since what
+    numba makes of a kernel lasts until it is compiled."""
+
+    was: ClassVar[list[bool]] = []
+
+    def on_start(self, _: event.Event) -> None:
+        self.was.append(gc.isenabled())
+        gc.disable()
+
+    def on_end(self, _: event.Event) -> None:
+        if self.was.pop():
+            gc.enable()
+
+
+event.register("numba:compile", _Quiet())
 
 
 @lru_cache
@@ -49,10 +82,12 @@ def stamp(root: Path) -> str:
 # compiled, which would take as long again; and ``inner`` kernels, which other kernels alone call, have no
 # entrance from Python, which would unpack all those arrays.  Nor is a whole row assigned at once: what numba
 # compiles to say that its length is wrong takes longer than a filter.
-_OPTIONS: dict[str, Any] = {"_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True}
+# ``no_rewrites`` leaves out passes over their code that serve closures, array expressions and ``raise``.
+_OPTIONS = {"_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True, "no_rewrites": True}
 
 outer = kernel(**_OPTIONS)
 inner = kernel(**_OPTIONS, no_cpython_wrapper=True)
+once = kernel(**_OPTIONS, inline="always")  # called at one place
 fast_outer = kernel(**_OPTIONS, fastmath=True)
 # Written into their callers: as kernels of their own they gave the matcher's sums, which may be taken in any
 # order, other last digits in the process that compiled them than in those that load the callers from disk.

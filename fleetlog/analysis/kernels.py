@@ -1,10 +1,11 @@
 """Numba kernels of the analyses: clusters of trucks along the roads, and the sums of a heat map."""
 
+import math
 from typing import Any
 
 import numpy as np
 
-from fleetlog.compiling import kernel, outer
+from fleetlog.compiling import inner, kernel, outer
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.roads.candidates import prepare
@@ -124,7 +125,6 @@ def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     return used
 
 
-@kernel()
 def accumulate(
     x: Floats, y: Floats, time: Ints, speed: Floats, power: Floats, standing: float, use: Mask,
     x0: float, y0: float, cell: float, max_gap: float, out: Floats,
@@ -135,33 +135,61 @@ def accumulate(
     cell), and the part of the time in which the power was known [s].  Each interval between two rows is
     spread along the straight line between them in pieces no longer than half a cell, so that sparse sampling
     leaves no holes; energy takes the mean of both powers where both are known."""
-    _, rows, columns = out.shape
-    flat = out.reshape(6, rows * columns)
-    last = -1
+    columns, cells = out.shape[2], out.reshape(6, -1).T
+    _accumulate(x, y, time, speed, power, standing, use, x0, y0, cell, max_gap, columns, cells)
+
+
+@outer
+def _accumulate(
+    x: Floats, y: Floats, time: Ints, speed: Floats, power: Floats, standing: float, use: Mask,
+    x0: float, y0: float, cell: float, max_gap: float, columns: int, out: Floats,
+) -> None:  # fmt: skip
+    """The same with ``out`` (cells, 6). Where both rows lie in one cell, so does all between them."""
+    rows, per_metre = len(out) // columns, 1.0 / cell
+    last, at = -1, _cell(x[0], y[0], x0, y0, per_metre, columns, rows) if len(x) else -1
     for i in range(len(x) - 1):
         dt = (time[i + 1] - time[i]) * 1e-6
         dx, dy = x[i + 1] - x[i], y[i + 1] - y[i]
-        length = np.hypot(dx, dy)
-        if not (0.0 < dt <= max_gap and use[i] and length < 1e7):
+        onto, pieces, length = _cell(x[i + 1], y[i + 1], x0, y0, per_metre, columns, rows), 1, 0.0
+        if onto < 0 or onto != at:
+            length = math.sqrt(dx * dx + dy * dy)
+            pieces = int(length / (0.5 * cell)) + 1 if length < 1e7 else 0
+        at = onto
+        if not (0.0 < dt <= max_gap and use[i] and pieces > 0):
             last = -1
             continue
-        pieces = int(length / (0.5 * cell)) + 1
-        part = dt / pieces
+        spent, part, one = 0.0, dt / pieces, 1.0 / pieces
         v, w = 0.5 * (speed[i] + speed[i + 1]), 0.5 * (power[i] + power[i + 1])
         for k in range(pieces):
-            f = (k + 0.5) / pieces
-            c, r = (x[i] + f * dx - x0) / cell, (y[i] + f * dy - y0) / cell
-            here = int(r) * columns + int(c) if 0.0 <= c < columns and 0.0 <= r < rows else -1
-            came, last = here != last, here
-            if here < 0:
-                continue
-            flat[0, here] += part
-            if v == v:
-                flat[1, here] += v * part
-                if v < standing:
-                    flat[3, here] += part
-            if w == w:
-                flat[2, here] += w * part
-                flat[5, here] += part
-            if came:
-                flat[4, here] += 1.0
+            f = (k + 0.5) * one
+            here = _cell(x[i] + f * dx, y[i] + f * dy, x0, y0, per_metre, columns, rows)
+            if here != last:
+                _spend(out, last, spent, v, w, standing)
+                spent, last = 0.0, here
+                if here >= 0:
+                    out[here, 4] += 1.0
+            spent += part
+        _spend(out, last, spent, v, w, standing)
+
+
+@inner
+def _cell(x: float, y: float, x0: float, y0: float, per_metre: float, columns: int, rows: int) -> int:
+    """The number of the cell of a place, -1 outside."""
+    c, r = (x - x0) * per_metre, (y - y0) * per_metre
+    inside = 0.0 <= c < columns and 0.0 <= r < rows
+    return int(r) * columns + int(c) if inside else -1
+
+
+@inner
+def _spend(out: Floats, here: int, spent: float, v: float, w: float, standing: float) -> None:
+    """Add a stay in a cell at speed ``v`` and power ``w``; either may be unknown."""
+    if here < 0 or spent == 0.0:
+        return
+    out[here, 0] += spent
+    if v == v:
+        out[here, 1] += v * spent
+        if v < standing:
+            out[here, 3] += spent
+    if w == w:
+        out[here, 2] += w * spent
+        out[here, 5] += spent

@@ -190,7 +190,7 @@ def _patches(
 def _patch(t: Trajectory, use: Mask, c: Raster, network: Network | None) -> Patch:
     from fleetlog.analysis.kernels import accumulate
 
-    grid = np.zeros((6, c.rows, c.columns))
+    grid = np.zeros((c.rows, c.columns, 6)).transpose(2, 0, 1)  # all of a cell lies together
     step = t.time, t.floats("speed"), t.floats("battery_power"), STANDING_SPEED, use
     accumulate(t.floats("x"), t.floats("y"), *step, c.x0, c.y0, c.cell, MAX_GAP, grid)
     edges = np.zeros((6, 0)) if network is None else _along_edges(t, use, network)

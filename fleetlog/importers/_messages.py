@@ -149,6 +149,9 @@ def stamp_of(message: dict[str, Any]) -> int:
         return iso_time(stamp)
     if not isinstance(stamp, dict):
         return 0
+    seconds, fine = stamp.get("sec"), stamp.get("nsec")
+    if type(seconds) is int and type(fine) is int:
+        return seconds * 1_000_000 + (fine + 500) // 1000
     seconds = stamp["sec"] if "sec" in stamp else stamp.get("secs", 0)
     fine = next((stamp[name] for name in ("nsec", "nanosec", "nsecs") if name in stamp), 0)
     return int(finite(seconds)) * 1_000_000 + (int(finite(fine)) + 500) // 1000

@@ -17,6 +17,7 @@ from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME, iso_time
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, ReadOptions, Reject
 
 BATCH = 1 << 16  # Rows in a batch: large enough for columns to pay, small enough for bounded memory
+LOOKED_FOR = 64  # Records between two looks whether a batch is full
 Row = dict[str, Any]  # Values by the names of columns; a string is a label
 REJECT_TEXT = 400  # Characters of a rejected record that are kept
 NAN = float("nan")
@@ -47,26 +48,24 @@ class Rows:
         self._vehicle: list[str] = []
         self._time: list[int] = []
         self._record: list[int] = []
-        self._columns: dict[str, list[Any]] = {name: [] for name in self._always}
+        self._values: list[Row] = []
         self._rejects: list[Reject] = []
 
     def add(self, vehicle: str, time: int, record: int, values: Row, written: object = None) -> None:
         """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null. It is
         rejected, as it was ``written``, where its place is no number or its time off."""
-        if not all(isfinite(values.get(name, NAN)) for name in self.place):
-            self.reject(record, f"{' or '.join(self.place)} is not a number", written or values)
-        elif not EARLIEST <= time <= LATEST:
+        for name in self.place:
+            if not isfinite(values.get(name, NAN)):
+                self.reject(record, f"{' or '.join(self.place)} is not a number", written or values)
+                return
+        if not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
-        else:
-            columns = self._columns
-            if not values.keys() <= columns.keys():
-                columns.update({name: [None] * len(self._time) for name in values if name not in columns})
-            for name, column in columns.items():
-                column.append(values.get(name))
-            self._vehicle.append(vehicle)
-            self._time.append(time)
-            self._record.append(record)
-            self.total += 1
+            return
+        self._vehicle.append(vehicle)
+        self._time.append(time)
+        self._record.append(record)
+        self._values.append(values)
+        self.total += 1
 
     def add_iso(self, vehicle: str, time: str | None, record: int, values: Row, written: Any = None) -> None:
         """One row with its time in ISO 8601."""
@@ -92,7 +91,9 @@ class Rows:
 
     def take(self) -> RawBatch:
         """The rows so far as a batch; starts afresh."""
-        columns = {name: _column(values) for name, values in self._columns.items()}
+        kinds = dict.fromkeys(map(tuple, self._values))
+        names = dict.fromkeys(name for kind in (self._always, *kinds) for name in kind)
+        columns = {name: _column([row.get(name) for row in self._values]) for name in names}
         time, record = (np.array(v, dtype=np.int64) for v in (self._time, self._record))
         batch = RawBatch(Labels.of(self._vehicle), time, columns, record, self._rejects, self._share())
         self._clear()
@@ -147,9 +148,8 @@ class Records(ABC):
                 except Exception as error:
                     what = f"a fault in the reader ({type(error).__name__}); {REPORT}"
                     log.rows.reject(number, what, record)
-                for rows in log.tables:
-                    if rows.full:
-                        yield rows.take()
+                if not number % LOOKED_FOR:
+                    yield from (rows.take() for rows in log.tables if rows.full)
         if not any(rows.total for rows in log.tables if rows.place):
             raise log.report.nothing(*log.nothing())
         log.describe()
@@ -185,6 +185,8 @@ def _column(values: list[Any]) -> Values:
 
 def finite(value: Any) -> float:
     """A float of anything, NaN where there is none."""
+    if type(value) is float:
+        return value if isfinite(value) else NAN
     if value is None or value is True or value is False:
         return NAN
     try:

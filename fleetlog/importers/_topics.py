@@ -19,7 +19,7 @@ from fleetlog.core.words import count
 from fleetlog.errors import FormatError
 from fleetlog.importers._messages import KINDS, POSITIONS, Topic, normal_name, numbers, readers, stamp_of
 from fleetlog.importers._open import ReadReport, plain_stem, refuse_packed
-from fleetlog.importers._rows import BATCH, Rows, Sample
+from fleetlog.importers._rows import BATCH, LOOKED_FOR, Rows, Sample
 from fleetlog.importers._walk import Walk
 from fleetlog.importers.base import RawBatch, ReadOptions
 
@@ -91,7 +91,6 @@ def _last(frame: str) -> str:
 
 
 LISTED = 12
-LOOKED_FOR = 64  # Messages after which full batches are looked for
 
 
 class Role(NamedTuple):

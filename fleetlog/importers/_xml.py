@@ -14,6 +14,7 @@ from fleetlog.importers.base import ReadOptions
 
 LIMIT = 1 << 24
 """Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""
+AT_ONCE = 64  # Empty elements that wait to be dropped
 
 
 class Elements(Records):
@@ -47,13 +48,15 @@ class Elements(Records):
             resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
         )  # fmt: skip
         try:
-            for _, element in events:
+            for number, (_, element) in enumerate(events):
                 self._since = 0
-                tag = local(element)
+                tag = _bare(element.tag)
                 self.seen[tag] += 1
                 if tag in self.wanted:
                     yield element
-                _forget(element)
+                element.clear()
+                if not number % AT_ONCE:
+                    _forget(element)
         except etree.XMLSyntaxError as error:
             line = f"line {error.position[0]}" if error.position and error.position[0] else "the start"
             why = " ".join(str(error).split())[:120]
@@ -61,14 +64,11 @@ class Elements(Records):
 
 
 def _forget(element: Any) -> None:
-    """Empty an element whose end was seen and drop the siblings before it."""
-    element.clear()
-    parent = element.getparent()
-    while parent is not None and element.getprevious() is not None:
-        previous = element.getprevious()
-        if local(previous) == "name":
-            return
-        del parent[parent.index(previous)]
+    """Drop what stands before an element whose end was seen, and before all that it is in, but for names."""
+    while (parent := element.getparent()) is not None:
+        while (before := element.getprevious()) is not None and local(before) != "name":
+            parent.remove(before)
+        element = parent
 
 
 def local(element: Any) -> str:

@@ -38,20 +38,11 @@ class _Gpx(Elements):
             self._vehicle = track if track and ours and self.options.vehicle is None else self.vehicle
         values: dict[str, Any] = {"latitude": finite(point.get("lat")), "longitude": finite(point.get("lon"))}
         time = None
-        for leaf in point.iterdescendants("{*}*"):
-            name = local(leaf)
-            if name in _KEPT:
-                values[_KEPT[name]] = finite(leaf.text)
-            elif name == "time" and leaf.getparent() is point:
+        for leaf in point:
+            if (name := local(leaf)) == "time":
                 time = leaf.text
-            elif name in _COURSES:
-                values["heading"] = heading_of_course(finite(leaf.text))
-            elif not len(leaf) and leaf.getparent() is not point:
-                figure, column = finite(leaf.text), BY_NAME.get(name)
-                if figure == figure and name not in ("latitude", "longitude"):
-                    values[name] = figure
-                elif leaf.text and column is not None and column.kind == "label":
-                    values[name] = leaf.text
+            elif not _known(values, name, leaf.text) and len(leaf):
+                _extend(values, leaf)
         self.rows.add_iso(self._vehicle, time, number, values, point.attrib)
 
     def nothing(self) -> tuple[str, str]:
@@ -70,6 +61,27 @@ class _Gpx(Elements):
         for tag, noun in _STILL.items():
             if self.seen[tag]:
                 self.report.note(f"{count(self.seen[tag], noun)} left out: no motion")
+
+
+def _known(values: dict[str, Any], name: str, text: str | None) -> bool:
+    """Take what every device calls alike."""
+    if name in _KEPT:
+        values[_KEPT[name]] = finite(text)
+    elif name in _COURSES:
+        values["heading"] = heading_of_course(finite(text))
+    return name in _KEPT or name in _COURSES
+
+
+def _extend(values: dict[str, Any], part: Any) -> None:
+    """Take what an extension says besides: numbers and labels under their own names."""
+    for leaf in part.iterdescendants("{*}*"):
+        name = local(leaf)
+        if not _known(values, name, leaf.text) and not len(leaf):
+            figure, column = finite(leaf.text), BY_NAME.get(name)
+            if figure == figure and name not in ("latitude", "longitude"):
+                values[name] = figure
+            elif leaf.text and column is not None and column.kind == "label":
+                values[name] = leaf.text
 
 
 IMPORTER = Importer("gpx", (".gpx",), holding(b"<gpx", b"<\x00g\x00p\x00x\x00"), _Gpx.batches)

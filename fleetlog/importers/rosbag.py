@@ -15,7 +15,8 @@ from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._messages import Topic
 from fleetlog.importers._open import LIMIT, Damaged, cut, plain_stem, plain_suffix, refuse_packed, unpack
-from fleetlog.importers._topics import LOOKED_FOR, Decoder, plan, read_recording
+from fleetlog.importers._rows import LOOKED_FOR
+from fleetlog.importers._topics import Decoder, plan, read_recording
 from fleetlog.importers._walk import Item, Message, Record, Walk
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 from fleetlog.importers.mcap import McapWalk

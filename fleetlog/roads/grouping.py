@@ -118,41 +118,45 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     span = group_span(track, noise)
     travelled = _travelled(track)
     first, still = np.empty(len(track.t) + 1, np.int64), np.zeros(len(track.t), np.bool_)
-    count = group_points(track, span - 1e-6, STANDING_SPEED, first, still)
+    count = group_points(track.t, track.speed, track.chain, span - 1e-6, STANDING_SPEED, first, still)
     if not np.isfinite(track.speed).any():
-        _, x, y, *_ = _means(track, first[: count + 1], travelled)
         radius, points = 2.5 * sigma + 0.1, first[: count + 1].copy()
+        x, y = (_mean(v, points) for v in (track.x, track.y))
         still[:] = False
         count = find_stops(points, track, x, y, radius, max(5.0, 4.0 * radius), first, still)
     first, still = first[: count + 1].copy(), still[:count].copy()
-    t, x, y, s, c2, s2 = _means(track, first, travelled)
+    t, x, y = (_mean(v, first) for v in (track.t, track.x, track.y))
     chord = np.hypot(np.diff(x), np.diff(y))
     blur = 2.0 * noise**2 / np.maximum(np.minimum(np.diff(first)[1:], np.diff(first)[:-1]), 1)
     by_position = np.sqrt(np.maximum(chord**2 - blur, 0.0))
-    moved = np.where(np.isfinite(np.diff(s)), np.diff(s), by_position)
+    steps = np.diff(_mean(travelled, first)) if len(travelled) else np.full(len(chord), np.nan)
+    moved = np.where(np.isfinite(steps), steps, by_position)
     # a heading may point against the motion, so only its axis counts
-    return Groups(first, t, x, y, np.append(moved, 0.0), np.vstack([c2, s2]), still, track.chain[first[:-1]])
+    return Groups(
+        first, t, x, y, np.append(moved, 0.0), _axis(track.heading, first), still, track.chain[first[:-1]]
+    )
 
 
-def _means(track: Track, first: Ints, travelled: Floats) -> tuple[Floats, ...]:
-    """(G,) means of groups: time, x, y, travelled distance, cosine and sine of twice the log's heading. Both
-    are 0 where no row of a group knows its heading."""
-    start, size, known = first[:-1], np.diff(first), np.isfinite(track.heading)
+def _mean(values: Floats, first: Ints) -> Floats:
+    """(G,) means of groups, about the first of each: large coordinates lose no digits."""
+    begin, size = values[first[:-1]], np.diff(first)
+    return np.asarray(begin + np.add.reduceat(values - np.repeat(begin, size), first[:-1]) / size)
 
-    def mean(values: Floats) -> Floats:  # about the first of a group: large coordinates lose no digits
-        begin = values[start]
-        return np.asarray(begin + np.add.reduceat(values - np.repeat(begin, size), start) / size)
 
-    count = np.maximum(np.add.reduceat(known.astype(np.float64), start), 1.0)
-    twice = np.where(known, 2.0 * track.heading, np.nan)
-    axis = (np.add.reduceat(np.nan_to_num(f(twice)), start) / count for f in (np.cos, np.sin))
-    return *map(mean, (track.t, track.x, track.y, travelled)), *axis
+def _axis(heading: Floats, first: Ints) -> Floats:
+    """(2, G) mean cosine and sine of twice the heading; 0 where no row of a group knows it."""
+    known = np.isfinite(heading)
+    if not known.any():
+        return np.zeros((2, len(first) - 1))
+    parts = np.vstack([known, np.where(known, [np.cos(2.0 * heading), np.sin(2.0 * heading)], 0.0)])
+    count, *axis = np.add.reduceat(parts, first[:-1], axis=1)
+    return np.asarray(np.vstack(axis) / np.maximum(count, 1.0))
 
 
 def _travelled(track: Track) -> Floats:
-    """(N,) distance from the log's speed, trapezoids [m]; NaN where more than a tenth of them is missing."""
+    """(N,) distance from the log's speed, trapezoids [m]; none where more than a tenth of them is missing."""
     known = np.isfinite(track.speed)
     if known.mean() < 0.9:
-        return np.full(len(track.t), np.nan)
+        return np.empty(0)
     v = np.interp(track.t, track.t[known], track.speed[known])
     return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.t))])

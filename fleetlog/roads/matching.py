@@ -22,9 +22,9 @@ from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads import grouping
 from fleetlog.roads.candidates import Prepared, prepare
-from fleetlog.roads.kernels.decoding import decode, emission_costs, scratch
+from fleetlog.roads.kernels.decoding import decode, emission, model_of, scratch
 from fleetlog.roads.kernels.placing import place_points
-from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Groups, Noise, Placed, Track
+from fleetlog.roads.kernels.records import Candidates, Choice, Groups, Placed, Routes, Rows, Track
 from fleetlog.roads.kernels.routes import build_routes, route_posterior
 
 REASONS: tuple[str, ...] = (
@@ -121,11 +121,12 @@ def _with_reach(p: MatchParameters, wanted: MatchParameters) -> MatchParameters:
 def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
     """From the distance to the nearest road [m], too small among dense roads: the iteration mends it."""
     groups = grouping.group_track(track, noise, max(noise, 1.0))
-    ptr, _, value = prepared.candidates(groups.x, groups.y, 60.0, 0.0)
-    some = np.diff(ptr) > 0
+    near = prepared.candidates(groups.x, groups.y, 60.0, 0.0)
+    some = np.diff(near.ptr) > 0
     if not some.any():
         return max(noise, 5.0)
-    return float(np.clip(1.4826 * np.median(np.abs(value[1, ptr[:-1][some]])), max(0.3, 0.5 * noise), 20.0))
+    usual = np.median(np.abs(near.lateral[near.ptr[:-1][some]]))
+    return float(np.clip(1.4826 * usual, max(0.3, 0.5 * noise), 20.0))
 
 
 def _from_residuals(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> dict[str, float]:
@@ -134,7 +135,7 @@ def _from_residuals(track: Track, groups: Groups, prepared: Prepared, p: MatchPa
     on = choice.chosen >= 0
     if on.sum() < 8:
         return {}
-    edge, along, lateral = near.edge[choice.chosen], *near.value[:2, choice.chosen]
+    edge, along, lateral = (c[choice.chosen] for c in (near.edge, near.offset, near.lateral))
     moving = on & ~groups.still
     use = lateral[moving if moving.sum() >= 8 else on]
     sigma = float(np.clip(1.4826 * np.median(np.abs(use)), 0.1, 30.0))
@@ -158,41 +159,55 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Can
     near = prepared.candidates(groups.x, groups.y, p.reach, max(4.5 * p.sigma, 1.5))
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
-    emission, roads = np.empty(len(near.edge)), prepared.roads
-    ahead = grouping.direction_of(groups, p.sigma)
-    emission_costs(near, *ahead, groups.axis, roads.reverse, spread, weight, emission)
+    own, roads = np.empty(len(near.edge) + len(groups.t)), prepared.roads
     # off the roads costs as much as a road at the edge of what is believable, and never less than 5 sigma
-    off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
-    costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off)
-    count = len(groups.t)
-    choice = Choice(np.full(count, -1), np.zeros(len(near.edge)), np.zeros(count), np.zeros(count, np.bool_))
-    prepared.reach(near, groups, costs.beta)
-    decode(prepared.store, roads, near, emission, groups, costs, choice, scratch(near, len(roads.length)))
-    return near, choice, costs.back
+    off = float(np.exp(4.5 - 3.0 * max(5.0, min(p.reach, 4.0) / spread)))
+    ahead = grouping.direction_of(groups, p.sigma)
+    emission(near, *ahead, groups.axis, roads.reverse, spread, weight, off, own)
+    back, count = 3.0 * p.sigma + 0.3, len(groups.t)
+    choice = Choice(np.full(count, -1), np.empty(len(own)), np.zeros(count, np.bool_))
+    prepared.reach(near, groups, p.beta)
+    model = model_of(roads, prepared.store, near, own, groups, p.beta, back, p.turn)
+    decode(model, groups.chain, choice, scratch(near, len(roads.length)))
+    return near, choice, back
 
 
 def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> Match:
     (near, choice, back), size = _decode(groups, prepared, p), np.diff(groups.first)
     routes = build_routes(prepared.store, prepared.roads, near, choice, groups.moved, back)
-    posterior = np.zeros(len(size))
-    route_posterior(choice, near, routes, posterior)
     found = _nothing(len(track.t), p)
-    placed = Placed(found.edge, found.offset, found.lateral, found.confidence)
-    found.confidence[:] = np.repeat(choice.off, size)
+    off = choice.posterior[near.ptr[1:] + np.arange(len(size))]
+    found.confidence[:] = np.repeat(off, size)
     lasting = p.sigma**2 * max(p.persistence - CHANCE_PERSISTENCE, 0.0) / (1.0 - CHANCE_PERSISTENCE)
-    noise = Noise(max(p.noise, 0.02) ** 2, lasting, p.speed_noise**2, p.acceleration)
-    group = np.repeat(np.arange(len(size)), size)
-    longest = int((groups.first[routes.spans[1] + 1] - groups.first[routes.spans[0]]).max(initial=0))
-    place_points(
-        track, groups, group, routes, prepared.roads, posterior, noise, placed, np.zeros((13, longest)),
-        np.zeros(2, np.int64),
-    )  # fmt: skip
+    found.standing[:] = np.repeat(groups.still, size)
+    rows = _rows(track, groups, routes, found.standing, route_posterior(choice, near, routes), p)
+    begins, ends = groups.first[routes.spans[0]], groups.first[routes.spans[1] + 1]
+    placed = Placed(found.edge, found.offset, found.lateral, found.confidence)
+    place_points(rows, begins, ends, routes, prepared.lines, p.acceleration, lasting, placed)
     found.reason[:] = np.repeat(_reasons(groups, near, choice, prepared, p), size)
-    found.restart[groups.first[:-1][routes.spans[0]]] = NO_PATH
+    found.restart[begins] = NO_PATH
     found.restart[np.flatnonzero(np.diff(track.chain)) + 1] = GAP
     found.restart[0] = 0
-    found.standing[:] = np.repeat(groups.still, size)
     return found
+
+
+def _rows(
+    track: Track, groups: Groups, routes: Routes, still: Mask, near: Floats, p: MatchParameters
+) -> Rows:
+    """The rows, each with the path coordinate interpolated between the centres of groups, and carried on with
+    the nearest slope at both ends of a stretch."""
+    group = np.repeat(np.arange(len(groups.t)), np.diff(groups.first))
+    first, last = np.append(routes.spans, [[0], [0]], axis=1)[:, routes.of]  # the last: off the roads
+    on = np.clip(group - (track.t <= groups.t[group]), first[group], np.maximum(last - 1, first)[group])
+    slope = np.diff(routes.centre) / np.maximum(np.diff(groups.t), 1e-9)
+    centre, slope = routes.centre[group], np.append(slope, 0.0)[on]
+    where = routes.centre[on] + slope * (track.t - groups.t[on])
+    noise = max(p.noise, 0.02) ** 2
+    position_var = np.where(still, noise / np.diff(groups.first)[group], noise)
+    speed = np.where(still, 0.0, track.speed), np.where(still, 1e-6, p.speed_noise**2)
+    where = np.where(still | (first == last)[group], centre, where)
+    known = *track[:3], speed[0], still, centre, near[group], position_var, speed[1], where
+    return Rows._make([*known, *np.empty((2, len(group))), np.empty((5, len(group)))])
 
 
 def _reasons(
@@ -203,8 +218,8 @@ def _reasons(
     direction, sharpness = grouping.direction_of(groups, p.sigma)
     for g in np.flatnonzero(choice.chosen < 0):
         rows = slice(near.ptr[g], near.ptr[g + 1])
-        close = np.abs(near.value[1, rows]) < max(3.0 * p.sigma, 1.0)
-        edges, tangent = near.edge[rows][close], near.value[2:, rows][:, close]
+        close = np.abs(near.lateral[rows]) < max(3.0 * p.sigma, 1.0)
+        edges, tangent = near.edge[rows][close], np.array([near.ux[rows], near.uy[rows]])[:, close]
         if groups.still[g] and len(close):
             reason[g] = STANDING
         elif not close.any():

@@ -25,10 +25,11 @@ from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, _numbers
 from fleetlog.discovery.model import FLEET, Model
 from fleetlog.discovery.recording.blocks import block, cut
+from fleetlog.discovery.recording.day import day_of
 from fleetlog.discovery.recording.fleet import Fleet, read_fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
-from fleetlog.discovery.recording.turns import Turn, _map_explains, measure
+from fleetlog.discovery.recording.turns import Turn, _map_explains, crossings, measure
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
@@ -125,7 +126,7 @@ def fleet(shift: float = 0.0) -> Fleet:
     for k in range(2):
         track = drive(1200, k)
         late = rows_late(track.seconds(), drive(12000, k, 0.1), shift)
-        days.append((k, track.with_columns(battery_power=late)))
+        days.append(day_of(k, track.with_columns(battery_power=late)))
     return Fleet(days, ("a", "b"), None, TRUCK, {}, {})
 
 
@@ -213,7 +214,7 @@ def test_what_a_road_does_not_follow_widens_no_interval() -> None:
 
 def test_without_positions_nothing_that_follows_the_heading_is_offered() -> None:
     def terms(track: Trajectory) -> tuple[set[str], set[str]]:
-        fleet = Fleet([(0, track)], ("T",), None, TRUCK, {}, {})
+        fleet = Fleet([day_of(0, track)], ("T",), None, TRUCK, {}, {})
         split = make_split("trips", fleet.trips, fleet.seconds, [0], list(fleet.dates), 5, 0.2, 0)
         channel = channel_of("battery_power", fleet, Model(TRUCK), SETTINGS, split)
         curves = {v for c in channel.curves() for v in c.variables}
@@ -238,7 +239,8 @@ def test_a_withheld_column_is_not_read(tmp_path: Path) -> None:
         writer.write(track)
     data = Dataset(tmp_path / "d")
     slope = [
-        abs(next(read_fleet(data, TRUCK, without=w).each_block()).motion.slope).max() for w in ((), ("z",))
+        abs(next(f.each_block(f.dates[0]))[1].motion.slope).max()
+        for f in (read_fleet(data, TRUCK, without=w) for w in ((), ("z",)))
     ]
     assert slope[0] > 0.0 == slope[1]
 
@@ -288,7 +290,7 @@ def test_a_slow_road_behind_a_junction_does_not_make_the_junction_slow(angle: fl
         leg.path.edge[:] += 2 + 2 * (k % 3)
     legs = [slow, slow, slow, *(leg for leg in others for _ in range(3))]
     everywhere = [(leg, np.full(121, 3.0), np.ones(121, bool)) for leg in legs]
-    assert measure(everywhere, TRUCK).by_way[0, 1].speed == pytest.approx(2.0)
+    assert measure(crossings(everywhere), TRUCK).by_way[0, 1].speed == pytest.approx(2.0)
 
 
 def ways_beside(leg: Leg, angle: float = 1.5) -> list[tuple[Leg, np.ndarray, np.ndarray]]:

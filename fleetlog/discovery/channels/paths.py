@@ -1,13 +1,12 @@
 """The paths of a fleet as the speed channel sees them: nodes in windows, who was in the way, time taken; and
 what other trucks cost: time on stretches where one was in the way, over what they take otherwise."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.special import stdtr
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
@@ -15,11 +14,10 @@ from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.recording.blocks import TRIP, Windows, by_window, narrow, picked, stacked
-from fleetlog.discovery.recording.conflicts import Route, hindered, on_road, routes
+from fleetlog.discovery.recording.conflicts import Route, hindered, on_road
 from fleetlog.discovery.recording.fleet import Fleet
-from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.recording.turns import CENTRE, Seen, Turns, measure
+from fleetlog.discovery.recording.turns import CENTRE, Seen
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 
@@ -111,27 +109,17 @@ class Drive:
     wait: float  # Seconds of the standstill after it that served no purpose
 
 
-def laid_out(fleet: Fleet, split: Split, lanes: Stretches, length: float) -> tuple[Shelf[Laid], Turns]:
-    """Lay out what every vehicle drove, and measure how turns are driven where nobody is in the way."""
-    out: Shelf[Laid] = Shelf(fleet.large)
-
-    def drives() -> Iterator[Seen]:
-        for date in fleet.dates:
-            placed = [r for r in routes(fleet, date) if not all((leg.path.edge < 0).all() for leg in r.legs)]
-            for route, driven in _group(placed, fleet) if placed else ():
-                if (found := _lay_out(route, driven, fleet, lanes, length)) is not None:
-                    out.add(found)
-                yield from _undisturbed(route, driven, fleet, split)
-
-    return out, measure(drives(), fleet.truck)
-
-
-def _group(group: list[Route], fleet: Fleet) -> Iterator[tuple[Route, list[Drive]]]:
+def laid_out(
+    group: list[Route], fleet: Fleet, split: Split, lanes: Stretches, length: float, share: float
+) -> Iterator[tuple[Laid | None, Iterator[Seen]]]:
+    """Lay out what every vehicle drove on a date; and, of a share of the trips, what nobody was in the way
+    of, which shows how turns are driven."""
     placed = [[on_road(leg) for leg in r.legs] for r in group]
     group = [replace(r, legs=tuple(leg for leg, _ in p)) for r, p in zip(group, placed, strict=True)]
     flags = hindered(group, [free_speed(r.nodes("edge"), fleet) for r in group], fleet.truck)
     for r, f, p in zip(group, flags, placed, strict=True):
-        yield r, list(_drives(r, *f, np.concatenate([a for _, a in p])))
+        driven = list(_drives(r, *f, np.concatenate([a for _, a in p])))
+        yield _lay_out(r, driven, fleet, lanes, length), _undisturbed(r, driven, fleet, split, share)
 
 
 def free_speed(edge: NDArray[Any], fleet: Fleet) -> Floats:
@@ -158,10 +146,11 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]
         first = k + 1
 
 
-def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split) -> Iterator[Seen]:
-    """The nodes that the search may look at."""
+def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split, share: float) -> Iterator[Seen]:
+    """The nodes that the search may look at, of a share of the trips."""
     path = join([v.leg.path for v in drives])
-    use = split.rows(path.trip + TRIP * r.vehicle, path.time + r.start, r.vehicle, r.day) != HELD_OUT
+    trip = path.trip + TRIP * r.vehicle
+    use = split.rows(trip, path.time + r.start, r.vehicle, r.day, share) != HELD_OUT
     use &= ~np.concatenate([v.behind | v.astray for v in drives])
     ends = np.cumsum([len(v.behind) for v in drives])[:-1]
     parts = (np.split(values, ends) for values in (free_speed(path.edge, fleet), use))
@@ -280,45 +269,53 @@ class Lost:
     p_value: float
 
 
-Passed = tuple[Path, Mask, Ints, Floats]
-"""A path, which of its windows count, (W,), the trips of these, (W,), and the seconds that trucks are known
-to wait at its nodes, whoever is there, (G,)."""
+Passed = tuple[Path, Mask, Ints, Floats, Floats]
+"""A path, which of its windows count, (W,), the trips of these, (W,), and at its nodes, (G,), the seconds
+that trucks are known to wait, whoever is there, and those that the free drive takes."""
+
+
+def usual_time(passed: Iterable[Passed], lanes: Stretches) -> Floats:
+    """(2, C) by stretch of lane, where nobody was in the way: time beyond the free drive, and by it."""
+    total = np.zeros((2, len(lanes)))
+    for path, whole, _, _, free in passed:
+        cell, plain = lanes.at(path.motion)[0].astype(np.int64), whole[path.of]
+        total[0] += np.bincount(cell, plain * (path.took - path.standing - free), len(lanes))
+        total[1] += np.bincount(cell, plain * free, len(lanes))
+    return total
 
 
 def lost_time(
-    passed: Iterable[Passed], lanes: Stretches, free: Callable[[Path], Floats], known: Floats | None = None
-) -> Lost | None:
-    """Return the time lost; None where nobody was in the way. ``free`` gives the modelled seconds at the
-    nodes of a path; ``known`` (C,) is the share of the time by stretch of lane that is known to be lost: it
-    is left out."""
-    # By trip and stretch: time beyond the model, and by it, where another truck was in the way; time in all.
-    parts, size = [], len(lanes)
-    more, base = np.zeros((2, size))
-    for path, whole, of_window, waits in passed:
-        modelled, cell = free(path), lanes.at(path.motion)[0].astype(np.int64)
-        over, plain, behind = path.took - path.standing - modelled, whole[path.of], path.behind[path.of]
-        more += np.bincount(cell, plain * over, size)
-        base += np.bincount(cell, plain * modelled, size)
-        pair, which = np.unique(of_window[path.of] * size + cell, return_inverse=True)
-        values = behind * (over - waits), behind * modelled, path.took, behind * path.took
-        parts.append((pair // size, pair % size, *(np.bincount(which, v) for v in values)))
-    code, cell, over, nominal, took, touched = (np.concatenate(column) for column in zip(*parts, strict=True))
-    if not touched.any():
+    passed: Iterable[Passed], lanes: Stretches, usual: Floats, known: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Return sums of the time lost beyond the :func:`usual_time`: (7,) over trips, and (4, C) by stretch of
+    lane. ``known`` (C,) is the share of the time there that is known to be lost: it is left out."""
+    size = len(lanes)
+    total, places = np.zeros(7), np.zeros((4, size))
+    longer = (usual[0] + OWN * float(usual[0].sum()) / max(float(usual[1].sum()), 1e-9)) / (usual[1] + OWN)
+    for path, _, of_window, waits, free in passed:
+        cell, behind = lanes.at(path.motion)[0].astype(np.int64), path.behind[path.of]
+        over = behind * (path.took - path.standing - free - waits - longer[cell] * free)
+        over -= 0.0 if known is None else known[cell] * path.took
+        trips, trip = np.unique(of_window[path.of], return_inverse=True)
+        pair, which = np.unique(trip * size + cell, return_inverse=True)
+        lost, at = np.bincount(which, over), pair % size  # A trip passes few stretches
+        places[:3] += [np.bincount(at, v, size) for v in (lost, lost**2, lost != 0.0)]
+        places[3] += np.bincount(cell, path.took, size)
+        own, took = np.bincount(trip, over), np.bincount(trip, path.took)
+        touched = float((behind * path.took).sum())
+        total += [len(trips), own.sum(), took.sum(), touched, own @ own, own @ took, took @ took]
+    return total, places
+
+
+def lost(total: Floats, places: Floats) -> Lost | None:
+    """Return the time lost by its sums; None where nobody was in the way."""
+    count, own, took, touched, square, both, size = total.tolist()
+    if not touched:
         return None
-    _, trip = np.unique(code, return_inverse=True)
-    # By how much undisturbed passages take longer than the model says, by stretch of lane.
-    usual = (more + OWN * float(more.sum()) / max(float(base.sum()), 1e-9)) / (base + OWN)
-    lost = over - usual[cell] * nominal - (0.0 if known is None else known[cell] * took)
-    total = float(took.sum())
-    share, disturbed = float(lost.sum()) / total, float(touched.sum()) / total
-    by_trip, of_trip = np.bincount(trip, lost), np.bincount(trip, took)
-    trips = max(len(by_trip), 2)
-    chance = float(np.sqrt(((by_trip - share * of_trip) ** 2).sum() * trips / (trips - 1))) / total
-    error = float(np.hypot(chance, MODEL * disturbed))
-    own = sparse.csc_array((lost, (trip, cell)), (trips, size))  # A trip passes few stretches
-    own.eliminate_zeros()
-    at = np.asarray(np.bincount(cell, took, size), dtype=np.float64)
+    share, trips = own / took, max(count, 2.0)
+    scatter = max(square - 2.0 * share * both + share**2 * size, 0.0)
+    error = float(np.hypot(np.sqrt(scatter * trips / (trips - 1.0)), MODEL * touched) / took)
     return Lost(
-        share, error, disturbed, own.sum(axis=0), np.sqrt(own.power(2).sum(axis=0)), at, np.diff(own.indptr),
-        float(stdtr(trips - 1, -share / max(error, 1e-12))),
+        share, error, touched / took, places[0], np.sqrt(places[1]), places[3], places[2].astype(np.intp),
+        float(stdtr(trips - 1.0, -share / max(error, 1e-12))),
     )  # fmt: skip

@@ -79,7 +79,9 @@ class Turns:
 
 
 @dataclass(frozen=True)
-class _Pass:
+class Pass:
+    """One way over a junction as it was driven."""
+
     s: Floats  # About the meeting of the edges [m]
     speed: Floats
     free: float
@@ -90,14 +92,22 @@ class _Pass:
     profile: Floats  # Speed at all places, NaN where it does not count
 
 
-def measure(drives: Iterable[Seen], truck: Truck) -> Turns:
-    """Return the turns of legs."""
-    passes: dict[Way, list[_Pass]] = defaultdict(list)
+def crossings(drives: Iterable[Seen]) -> list[tuple[Way, Pass]]:
+    """Return how legs cross junctions."""
+    found = []
     for leg, free, use in drives:
         edge = leg.path.edge
         for i in np.flatnonzero(np.diff(edge) != 0).tolist():  # The last node before each junction
             if (one := _pass(leg, free, use, i)) is not None:
-                passes[int(edge[i]), int(edge[i + 1])].append(one)
+                found.append(((int(edge[i]), int(edge[i + 1])), one))
+    return found
+
+
+def measure(found: Iterable[tuple[Way, Pass]], truck: Truck) -> Turns:
+    """Return the turns that were crossed so."""
+    passes: dict[Way, list[Pass]] = defaultdict(list)
+    for way, one in found:
+        passes[way].append(one)
     known = {way: _turn(p, truck) for way, p in passes.items() if len(p) >= FEWEST}
     bends = [t for t in known.values() if BEND < abs(t.angle) < BACK]
     if len(bends) < FEWEST or _map_explains(list(known.values())):
@@ -107,7 +117,7 @@ def measure(drives: Iterable[Seen], truck: Truck) -> Turns:
     return Turns(known, level if level < ALIKE * nominal else nominal)
 
 
-def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
+def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> Pass | None:
     d, place = leg.distance, leg.distance[i]
     near = slice(np.searchsorted(d, place - REACH, side="right"), np.searchsorted(d, place + REACH))
     if min(place - d[0], d[-1] - place) < CLEAR or not use[near].all():
@@ -119,10 +129,10 @@ def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
     counts = np.where(use, leg.path.speed, np.nan)
     profile = np.interp(place + PLACES, d, counts, left=np.nan, right=np.nan)
     own = float(free[near].min())
-    return _Pass(s, speed, own, curvature, turned, middle, float(np.median(speed)), profile)
+    return Pass(s, speed, own, curvature, turned, middle, float(np.median(speed)), profile)
 
 
-def _turn(passes: list[_Pass], truck: Truck) -> Turn:
+def _turn(passes: list[Pass], truck: Truck) -> Turn:
     """What passages have in common."""
     angle = float(np.median([p.turned.sum() for p in passes]))
     free, curvature = (float(np.median([getattr(p, n) for p in passes])) for n in ("free", "curvature"))
@@ -169,7 +179,7 @@ def _dip(driven: Floats, truck: Truck, bends: tuple[Slow, ...]) -> tuple[Slow, .
     return (tried[int(np.argmin(missed))],) if tried else ()
 
 
-def _speed(passes: list[_Pass], middle: float, reach: float) -> float:
+def _speed(passes: list[Pass], middle: float, reach: float) -> float:
     """The speed intended there: what lies before or behind may be slow for a reason of its own."""
     slowest = [float(p.speed[np.abs(p.s - middle) <= reach].min()) for p in passes]
     return max(float(np.quantile(slowest, DRIVEN)), 0.1)

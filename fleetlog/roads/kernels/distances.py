@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.compiling import inner
+from fleetlog.compiling import inner, once
 from fleetlog.core.arrays import Floats, Index
 from fleetlog.roads.kernels.records import Roads, Store
 
 
-@inner
+@once
 def _push(heap_d: Floats, heap_e: Index, size: int, d: float, e: int) -> Any:
     """Add edge ``e`` at distance ``d`` to a heap of ``size`` entries; returns its new size."""
     i = size
@@ -23,7 +23,7 @@ def _push(heap_d: Floats, heap_e: Index, size: int, d: float, e: int) -> Any:
     return size + 1
 
 
-@inner
+@once
 def _pop(heap_d: Floats, heap_e: Index, size: int) -> Any:
     """Drop the top, which the caller has read; returns the new size."""
     size -= 1
@@ -41,43 +41,6 @@ def _pop(heap_d: Floats, heap_e: Index, size: int) -> Any:
         i = child
     heap_d[i], heap_e[i] = d, e
     return size
-
-
-@inner
-def search(
-    source: int, bound: float, next_first: Index, next_edges: Index, length: Floats, best: Floats,
-    before: Index, heap_d: Floats, heap_e: Index, found: Index,
-) -> Any:  # fmt: skip
-    """Dijkstra over edges from the end of ``source``: edges whose start is within ``bound``, nearest first.
-    ``best`` (E,) is infinite on entry; :func:`forget` makes it so again. ``before`` holds the previous edge
-    of the path. Returns how many were found."""
-    size = count = 0
-    e, through = source, 0.0
-    while True:
-        if through <= bound:
-            for q in range(next_first[e], next_first[e + 1]):
-                f = next_edges[q]
-                if through < best[f]:
-                    best[f], before[f] = through, e
-                    size = _push(heap_d, heap_e, size, through, f)
-        while size > 0 and heap_d[0] > best[heap_e[0]]:
-            size = _pop(heap_d, heap_e, size)
-        if size == 0:
-            return count
-        e = heap_e[0]
-        through = heap_d[0] + length[e]
-        size = _pop(heap_d, heap_e, size)
-        found[count] = e
-        count += 1
-
-
-@inner
-def forget(source: int, count: int, next_first: Index, next_edges: Index, best: Floats, found: Index) -> None:
-    """Make ``best`` infinite again for all that a search touched, beyond its bound too."""
-    for i in range(-1, count):
-        e = source if i < 0 else found[i]
-        for q in range(next_first[e], next_first[e + 1]):
-            best[next_edges[q]] = np.inf
 
 
 def new_store(edges: int, arcs: int) -> Store:
@@ -98,22 +61,40 @@ def roomier(store: Store) -> Store:
 
 @inner
 def ensure(store: Store, roads: Roads, source: int, bound: float) -> Any:
-    """Store everything within ``bound`` of the end of ``source``; whether there was room for it."""
+    """Store everything within ``bound`` of the end of ``source``; whether there was room for it.
+
+    Dijkstra's algorithm over edges: those whose start is within ``bound``, nearest first. ``best`` is
+    infinite on entry and again on return."""
     if store.known[source] >= bound:
         return True
-    onward, follow = roads.next_first, roads.next_edges
-    best, before, found = store.best, store.before, store.found
-    m = search(source, bound, onward, follow, roads.length, best, before, store.heap_d, store.heap_e, found)
+    onward, follow, best, before = roads.next_first, roads.next_edges, store.best, store.before
+    found, heap_d, heap_e = store.found, store.heap_d, store.heap_e
+    heap_d[0], heap_e[0], size, count = -roads.length[source], source, 1, 0
+    while size > 0:
+        e, d = heap_e[0], heap_d[0]
+        size = _pop(heap_d, heap_e, size)
+        if d > best[e]:
+            continue
+        found[count] = e
+        count += 1
+        through = d + roads.length[e]
+        if through <= bound:
+            for q in range(onward[e], onward[e + 1]):
+                f = follow[q]
+                if through < best[f]:
+                    best[f], before[f] = through, e
+                    size = _push(heap_d, heap_e, size, through, f)
     start = store.used[0]
-    fits = start + m <= len(store.target)
+    fits = start + count - 1 <= len(store.target)
     if fits:
-        for i in range(m):
-            f = found[i]
-            store.target[start + i], store.previous[start + i] = f, before[f]
-            store.away[start + i] = best[f]
-        store.known[source], store.begin[source], store.reached[source] = bound, start, m
-        store.used[0] = start + m
-    forget(source, m, onward, follow, best, found)
+        for i in range(1, count):
+            f, at = found[i], start + i - 1
+            store.target[at], store.previous[at], store.away[at] = f, before[f], best[f]
+        store.known[source], store.begin[source], store.reached[source] = bound, start, count - 1
+        store.used[0] = start + count - 1
+    for i in range(count):  # what lies beyond the bound was touched too
+        for q in range(onward[found[i]], onward[found[i] + 1]):
+            best[follow[q]] = np.inf
     return fits
 
 

@@ -10,10 +10,11 @@ from fleetlog.roads.kernels.records import Track, Wide
 
 
 @outer
-def group_points(track: Track, span: float, standing_speed: float, first: Wide, still: Mask) -> Any:
+def group_points(
+    t: Floats, speed: Floats, chain: Wide, span: float, standing_speed: float, first: Wide, still: Mask
+) -> Any:
     """First row of every group into ``first`` (G + 1,), whether it stands into ``still``; their number G. A
     group is at most ``span`` seconds of motion, or one whole standstill that the log's speed shows."""
-    t, speed, chain = track.t, track.speed, track.chain
     n = len(t)
     count = 0
     for i in range(n):

@@ -8,19 +8,28 @@ Wide = Ints
 
 
 class Roads(NamedTuple):
-    """A network of E edges and P vertices."""
+    """The E edges of a network."""
 
-    px: Floats  # (P,) [m]
-    py: Floats
-    first: Wide  # (E + 1,): edge e owns vertices first[e]:first[e + 1]
-    dist: Floats  # (P,) along its edge [m]
-    owner: Index  # (P,) the edge of a vertex
     length: Floats  # (E,) [m]
     reverse: Index  # (E,) an edge's other direction, -1 without
-    twin: Index  # (E,) that where it is the very same line, else -1
     next_first: Index  # (E + 1,): edge e may be followed by next_edges[next_first[e]:next_first[e + 1]]
     next_edges: Index
     rank: Wide  # (E,) the order in which equal alternatives are taken
+
+
+class Lines(NamedTuple):
+    """Their P vertices; each begins the piece of line to the next."""
+
+    first: Wide  # (E + 1,): edge e owns vertices first[e]:first[e + 1]
+    owner: Index  # (P,) the edge of a vertex
+    x: Floats  # (P,) [m]
+    y: Floats
+    along: Floats  # (P,) along its edge [m]
+    flat: Floats  # (P,) length of the piece on the plan [m]
+    ux: Floats  # (P,) its unit vector there
+    uy: Floats
+    stretch: Floats  # (P,) metres along per metre of plan: offsets may count the climb too (3-D length)
+    twin: Index  # (E,) an edge's other direction where it is the very same line, else -1
 
 
 class Grid(NamedTuple):
@@ -40,7 +49,10 @@ class Candidates(NamedTuple):
 
     ptr: Wide  # (G + 1,)
     edge: Index  # (C,)
-    value: Floats  # (4, C) offset and lateral distance [m] (left positive), tangent x and y
+    offset: Floats  # (C,) [m]
+    lateral: Floats  # (C,) distance, left positive [m]
+    ux: Floats  # (C,) tangent
+    uy: Floats
 
 
 class Store(NamedTuple):
@@ -58,15 +70,6 @@ class Store(NamedTuple):
     heap_d: Floats
     heap_e: Index
     found: Index
-
-
-class Costs(NamedTuple):
-    """The model."""
-
-    beta: float  # spread of steps [m]
-    back: float  # how far noise moves a truck against its edge [m]
-    turn: float  # cost of a turn in mid edge
-    off: float  # cost of a group off the roads
 
 
 class Track(NamedTuple):
@@ -98,8 +101,7 @@ class Choice(NamedTuple):
     """What is decided about G groups and their C candidates."""
 
     chosen: Wide  # (G,) candidate, -1 off the roads
-    posterior: Floats  # (C,) of the candidates
-    off: Floats  # (G,) posterior of being off the roads
+    posterior: Floats  # (C + G,) of the states: of each group's candidates and of being off the roads
     linked: Mask  # (G,) whether the step into a group is connected to the group before
 
 
@@ -107,21 +109,32 @@ class Routes(NamedTuple):
     """P pieces of S stretches, end to end."""
 
     edge: Index  # (P,)
-    value: Floats  # (3, P) from, to (offsets on the edge), coordinate of the begin [m]
+    begin: Floats  # (P,) offsets on the edge [m]
+    end: Floats
+    place: Floats  # (P,) path coordinate of the begin [m]
     firsts: Wide  # (S + 1,) first pieces
     spans: Wide  # (2, S) first and last group
-    of: Wide  # (G,) stretch of every group
+    of: Wide  # (G,) stretch of every group, -1 off the roads
     piece: Wide  # (G,) and its piece
-    place: Floats  # (G,) and path coordinate (-1 off the roads) [m]
+    centre: Floats  # (G,) and path coordinate [m]
 
 
-class Noise(NamedTuple):
-    """Variances and the like."""
+class Rows(NamedTuple):
+    """N rows to be placed, and what is known of them on the way."""
 
-    position: float  # of a position [m2]
-    lasting: float  # of errors that last from group to group [m2]
-    speed: float  # of the log's speed [m2/s2]
-    acceleration: float  # density along the route [m2/s3]
+    t: Floats  # [s]
+    x: Floats  # [m]
+    y: Floats
+    speed: Floats  # [m/s], NaN unknown, 0 where it stands
+    still: Mask
+    centre: Floats  # path coordinate of its group [m]
+    near: Floats  # posterior of the route about its group
+    position_var: Floats  # [m2]
+    speed_var: Floats  # [m2/s2]
+    where: Floats  # path coordinate [m], interpolated between the groups at first
+    sd: Floats  # [m]
+    seen: Floats  # coordinate of the position [m]
+    kept: Floats  # (5, N) states of the filter; then pools of :func:`make_monotone`
 
 
 class Placed(NamedTuple):

@@ -8,9 +8,10 @@ import numpy as np
 from fleetlog.compiling import inner, kernel, outer
 from fleetlog.core.arrays import Floats, Index, Mask
 from fleetlog.roads.kernels.distances import path_between
-from fleetlog.roads.kernels.records import Candidates, Choice, Roads, Routes, Store
+from fleetlog.roads.kernels.records import Candidates, Choice, Roads, Routes, Store, Wide
 
 LONGEST = 4096  # edges of a path between two groups at most
+BY_EDGE, BY_PATH, BY_TURN = 0, 1, 2
 AHEAD = 0.5  # an end this much farther along the edge can be reached without a way round [m]
 Graph = tuple[Index, Index, Floats, Floats, Mask, Floats, float]
 
@@ -25,69 +26,65 @@ def build_routes(
     spans, (of, piece) = np.empty((2, groups), np.int64), np.full((2, groups), -1)
     while n < 0:
         capacity *= 2
-        edges, values = np.empty(capacity, np.int32), np.empty((3, capacity))
-        room = Routes(edges, values, firsts, spans, of, piece, np.zeros(groups))
-        n, stretches = _build(store, roads, near, choice, moved, back, path, room)
+        columns = np.empty(capacity, np.int32), *np.empty((3, capacity))
+        room = Routes._make([*columns, firsts, spans, of, piece, np.zeros(groups)])
+        n, stretches = _build(
+            store, roads, near.edge, near.offset, choice.chosen, choice.linked, moved, back, path, room
+        )
     firsts, spans = firsts[: stretches + 1], spans[:, :stretches].copy()
-    return room._replace(edge=edges[:n].copy(), value=values[:, :n].copy(), firsts=firsts, spans=spans)
+    return Routes._make([*(c[:n].copy() for c in columns), firsts, spans, of, piece, room.centre])
 
 
 @outer
 def _build(
-    store: Store, roads: Roads, near: Candidates, choice: Choice, moved: Floats, back: float, path: Index,
-    out: Routes,
+    store: Store, roads: Roads, edge: Index, offset: Floats, chosen: Wide, linked: Mask, moved: Floats,
+    back: float, path: Index, out: Routes,
 ) -> Any:  # fmt: skip
     """Fill ``out``; how many pieces and stretches there are, -1 pieces where there is no room for them."""
-    chosen, linked, edge, value, length = choice.chosen, choice.linked, near.edge, near.value, roads.length
-    p_edge, p_value, firsts, spans, of, piece, place = out
-    groups = len(chosen)
+    length = roads.length
     n = stretches = 0
-    for g in range(groups):
+    at = 0.0
+    for g in range(len(chosen)):
         if chosen[g] < 0:
             continue
-        e, s = edge[chosen[g]], value[0, chosen[g]]
-        if n + len(path) + 8 > len(p_edge):
+        if n + len(path) + 8 > len(out.edge):
             return -1, 0
-        fresh = not linked[g] or g == 0 or chosen[g - 1] < 0
-        if not fresh:
-            last, at = p_edge[n - 1], value[0, chosen[g - 1]]
-            kind = _kind(store, roads, last, at, e, s, moved[g - 1], back)
-            if kind == 2:  # a turn in mid edge
-                turned = max(at, length[e] - s, p_value[0, n - 1])
-                p_value[1, n - 1] = turned
-                n = _append(p_edge, p_value, n, e, length[e] - turned, length[e])
-            elif kind == 1:
+        e, s = edge[chosen[g]], offset[chosen[g]]
+        m = -1
+        if linked[g] and g > 0 and chosen[g - 1] >= 0:
+            last = out.edge[n - 1]
+            m = _kind(store, roads, last, at, e, s, moved[g - 1], back)
+            if m == BY_TURN:
+                at = max(max(at, length[e] - s), out.begin[n - 1])
+                out.end[n - 1] = at
+                n = _append(out, n, e, length[e] - at, length[e])
+            elif m == BY_PATH:
                 m = path_between(store, last, e, path)
-                if m < 0:
-                    fresh = True
-                else:
-                    for i in range(m):
-                        n = _append(p_edge, p_value, n, path[i], 0.0, length[path[i]])
-                    n = _append(p_edge, p_value, n, e, 0.0, length[e])
-        if fresh:
-            firsts[stretches] = n
-            spans[0, stretches] = g
+                for i in range(m + 1):
+                    f = path[i] if i < m else e
+                    n = _append(out, n, f, 0.0, length[f])
+        if m < 0:
+            out.firsts[stretches], out.spans[0, stretches] = n, g
             stretches += 1
-            p_edge[n], p_value[0, n], p_value[1, n], p_value[2, n] = e, 0.0, length[e], 0.0
+            out.edge[n], out.begin[n], out.end[n], out.place[n] = e, 0.0, length[e], 0.0
             n += 1
-        of[g] = stretches - 1
-        spans[1, stretches - 1] = g
-        piece[g] = n - 1
-        place[g] = p_value[2, n - 1] + s - p_value[0, n - 1]
-    firsts[stretches] = n
+        out.of[g], out.piece[g], out.spans[1, stretches - 1] = stretches - 1, n - 1, g
+        out.centre[g] = out.place[n - 1] + s - out.begin[n - 1]
+        at = s
+    out.firsts[stretches] = n
     return n, stretches
 
 
 @inner
-def _append(p_edge: Index, p_value: Floats, n: int, e: int, begin: float, end: float) -> Any:
-    p_edge[n], p_value[0, n], p_value[1, n] = e, begin, end
-    p_value[2, n] = p_value[2, n - 1] + p_value[1, n - 1] - p_value[0, n - 1]
+def _append(out: Routes, n: int, e: int, begin: float, end: float) -> Any:
+    out.edge[n], out.begin[n], out.end[n] = e, begin, end
+    out.place[n] = out.place[n - 1] + out.end[n - 1] - out.begin[n - 1]
     return n + 1
 
 
 @inner
 def _kind(store: Store, roads: Roads, a: int, s: float, b: int, t: float, moved: float, back: float) -> Any:
-    """How one step goes, as the model priced it: 0 along its edge, 1 by a path, 2 by a turn in mid edge."""
+    """How one step goes, as the model priced it: along its edge, by a path, by a turn in mid edge."""
     length = roads.length
     by_path = np.inf
     for q in range(store.begin[a], store.begin[a] + store.reached[a]):
@@ -95,28 +92,23 @@ def _kind(store: Store, roads: Roads, a: int, s: float, b: int, t: float, moved:
             by_path = abs(store.away[q] + length[a] - s + t - moved)
             break
     if a == b and t - s >= -back and abs(t - s - moved) <= by_path:
-        return 0
+        return BY_EDGE
     if roads.reverse[a] == b and (by_path == np.inf or abs(abs(length[a] - s - t) - moved) + 1.0 < by_path):
-        return 2
-    return 1
+        return BY_TURN
+    return BY_PATH
 
 
-@outer
-def route_posterior(choice: Choice, near: Candidates, routes: Routes, out: Floats) -> None:
-    """Posterior (G,) of the candidates on the previous, same and following piece of the route."""
-    chosen, posterior, firsts = choice.chosen, choice.posterior, routes.firsts
-    for g in range(len(chosen)):
-        if chosen[g] < 0:
-            continue
-        p, s = routes.piece[g], routes.of[g]
-        lo, hi = max(p - 1, firsts[s]), min(p + 2, firsts[s + 1])
-        total = 0.0
-        for c in range(near.ptr[g], near.ptr[g + 1]):
-            for q in range(lo, hi):
-                if routes.edge[q] == near.edge[c]:
-                    total += posterior[c]
-                    break
-        out[g] = min(total, 1.0)
+def route_posterior(choice: Choice, near: Candidates, routes: Routes) -> Floats:
+    """(G,) posterior of the candidates on the previous, same and following piece of the route."""
+    size, piece = np.diff(near.ptr), routes.piece
+    on, edge = np.zeros(len(near.edge), np.bool_), np.append(routes.edge, -1)
+    for beside in (-1, 0, 1):
+        other = np.clip(piece + beside, 0, len(routes.edge))
+        apart = (routes.firsts[routes.of] > other) | (routes.firsts[routes.of + 1] <= other)
+        on |= near.edge == np.repeat(np.where(apart, -1, edge[other]), size)
+    group = np.repeat(np.arange(len(size)), size)[on]
+    chance = choice.posterior[np.flatnonzero(on) + group]
+    return np.minimum(np.bincount(group, chance, len(size)), 1.0)
 
 
 @kernel()
