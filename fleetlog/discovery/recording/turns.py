@@ -156,8 +156,8 @@ def _turn(passes: list[Pass], truck: Truck) -> Turn:
 def _dip(driven: Floats, truck: Truck, bends: tuple[Slow, ...]) -> tuple[Slow, ...]:
     """Where trucks slow down most that ``driven`` speeds at all places tell, (K,), beside the bends; nowhere
     where they slow down for the bends alone, or since one of the roads is slow."""
-    behind = driven[PLACES >= CENTRE]
-    if not np.isfinite(behind).any():
+    before, behind = driven[PLACES <= -CENTRE], driven[PLACES >= CENTRE]
+    if not (np.isfinite(before).any() and np.isfinite(behind).any()):
         return ()
     drive = truck.drive
 
@@ -167,9 +167,8 @@ def _dip(driven: Floats, truck: Truck, bends: tuple[Slow, ...]) -> tuple[Slow, .
         rate = np.where(middle > PLACES, drive.max_deceleration, drive.max_acceleration)
         return np.asarray(np.sqrt(speed**2 + 2.0 * rate * apart))
 
-    # Nobody slows down who was never faster, and all do before a slow road.
-    road = 0.0, CENTRE, float(np.nanmax(behind))
-    known = np.min([np.fmax.accumulate(driven), *(beside(one) for one in (road, *bends))], axis=0)
+    roads = (-BEFORE, BEFORE, float(np.nanmax(before))), (BEFORE, BEFORE, float(np.nanmax(behind)))
+    known = np.min([beside(one) for one in (*roads, *bends)], axis=0)
     inner = (np.abs(PLACES) <= BEHIND) & (min([b[0] - b[1] for b in bends], default=CENTRE) > PLACES)
     tried = [
         (float(PLACES[k]), half, float(driven[k]))
