@@ -103,6 +103,7 @@ def test_time_lost_is_what_is_over_undisturbed_passages_of_the_same_place() -> N
             took,
             np.zeros(40),
             np.zeros(40, np.float32),
+            np.zeros(40, np.float32),
             np.array([behind]),
             np.array([behind]),
         )

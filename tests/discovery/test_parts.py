@@ -309,7 +309,9 @@ def giving_way(s: float) -> float:
 
 
 def test_where_trucks_slow_down_before_a_junction_is_measured() -> None:
-    ((middle, _, speed),) = measure(ways_beside(crossing(0.0, giving_way)), TRUCK).by_way[0, 1].slow
+    ((middle, _, speed),) = (
+        measure(crossings(ways_beside(crossing(0.0, giving_way))), TRUCK).by_way[0, 1].slow
+    )
     assert middle == pytest.approx(-10.0, abs=1.0)
     assert speed == pytest.approx(2.0, abs=0.05)
 
@@ -322,7 +324,7 @@ def test_a_slow_road_before_or_behind_a_junction_is_no_place_where_trucks_give_w
         ahead, since = max(slow[0] - s, 0.0), max(s - slow[-1], 0.0)
         return min(3.5, np.sqrt(4.0 + 1.6 * ahead + 1.2 * since))
 
-    assert measure(ways_beside(crossing(0.0, pace)), TRUCK).by_way[0, 1].slow == ()
+    assert measure(crossings(ways_beside(crossing(0.0, pace))), TRUCK).by_way[0, 1].slow == ()
 
 
 def test_limits_are_shared_where_roads_meet() -> None:
