@@ -63,7 +63,7 @@ def test_noise_is_no_less_where_the_freest_model_has_a_column_for_every_window()
         distance=np.full(300, 20.0), x=level, y=level, time=count * 10.0,
     )  # fmt: skip
     recorded, whole = level + np.random.default_rng(1).normal(0.0, 2.0, 300), np.ones(300, bool)
-    unit = Unit(windows, recorded, whole, np.zeros(300), level, np.ones(300), None)
+    unit = Unit(windows, recorded, whole, np.zeros(300), level, np.ones(300), np.zeros(300, int), None)
     noise = learn([(unit, level, np.eye(300, dtype=np.float32))], SETTINGS, 0.0, lambda w: w.trip)
     assert np.mean(1.0 / noise.plain(unit)) > 3.0
 

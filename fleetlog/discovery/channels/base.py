@@ -73,8 +73,7 @@ class Channel(ABC):
     place_error: float = field(default=0.0, init=False)  # The same share at some places, where it gathers
     steady: bool = field(default=True, init=False)
     """Whether the model's own error is alike in all trucks and hours."""
-    bends: bool = field(default=True, init=False)
-    """Whether effects bend what is recorded (trucks begin to brake), beyond what their columns say."""
+    bends: bool = field(default=True, init=False)  # Whether effects bend it: trucks begin to brake
     by_place: bool = field(default=True, init=False)  # Whether free power (or time) by place can be told
     errors: list[ErrorSource] = field(default_factory=list, init=False)  # What sampling hides
     notes: list[str] = field(default_factory=list, init=False)

@@ -1,10 +1,9 @@
 """A channel with its split and weights: what the search asks, and what it gets in return.
 
-Weights follow how far windows scatter about a model that is right.  The nominal model with its tolerances
-is the first; once a model leaves far less, what the freest model about it leaves of windows that it has not
-seen: what bends about the nominal one (wind on a truck that brakes) is no noise.  It grows with the power
-drawn, so it is measured in classes of power; and where rows scatter more than is usual at that power, as
-trucks jerk between them, by a power of that excess which is measured too."""
+Weights follow how far windows scatter about a model that is right: first the nominal one, then, once a model
+leaves far less, the freest about it, as what bends about the nominal one is no noise.  It grows with the
+power drawn, so it is measured in classes of power; and where rows scatter more than is usual at that power,
+as trucks jerk between them, by a power of that excess which is measured too."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -110,11 +109,10 @@ class Problem:
             self.noise = self._measured(model, hypotheses)
 
     def learn_anew(self, model: Model, hypotheses: Sequence[Hypothesis], lost: float) -> bool:
-        """Measure the noise about a model if it has ``lost`` [nat] far less on unseen trips than the noise
-        allows, and return whether that is so. Of what a free curve says only the outline is known: what that
-        misses is no noise, but nobody's evidence either."""
-        named = all(h.term for h in hypotheses) and self.channel.bends
+        """Measure the noise about a model that has ``lost`` [nat] far less on unseen trips than noise allows,
+        and return whether it has. What the outline of a free curve misses is no noise, nor evidence."""
         count = sum(int(unit.whole.sum()) for unit in self.training())
+        named = self.channel.bends and all(h.term for h in hypotheses)
         if far := named and 2.0 * self.noise.design * lost < LESS * count:
             self.noise = self._measured(model, [*self.rest, *hypotheses])
         return far
