@@ -1,6 +1,7 @@
 """Every column of a trajectory, of which schema, checks and documentation are made."""
 
 import tomllib
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,12 +33,16 @@ ARROW: dict[str, pa.DataType] = {
     "string": pa.string(), "label": pa.dictionary(pa.int32(), pa.string()), "time": pa.timestamp("us", "UTC"),
     "double": pa.float64(), "int64": pa.int64(), "line": pa.list_(pa.float64()),
 }  # fmt: skip
-SCHEMA: pa.Schema = pa.schema(
-    pa.field(
-        c.name, ARROW[c.kind], nullable=c.name not in ("vehicle_id", "timestamp"),
-        metadata={"unit": c.unit, "meaning": c.meaning},
-    )
-    for c in COLUMNS
-)  # fmt: skip
+
+
+def schema_of(
+    columns: Iterable[Column], kinds: Mapping[str, pa.DataType] = ARROW, required: Collection[str] = ()
+) -> pa.Schema:
+    """The schema of some columns, with unit and meaning of each; the ``required`` ones have no nulls."""
+    told = ((c, {"unit": c.unit, "meaning": c.meaning}) for c in columns)
+    return pa.schema(pa.field(c.name, kinds[c.kind], c.name not in required, m) for c, m in told)
+
+
+SCHEMA: pa.Schema = schema_of(COLUMNS, required=("vehicle_id", "timestamp"))
 """Of the columns that every dataset has, in the order of the contract."""
 PART_SCHEMA: pa.Schema = SCHEMA.remove(0)  # The same of a Parquet part, whose folder names the vehicle

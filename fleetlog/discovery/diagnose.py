@@ -8,16 +8,15 @@ from functools import partial
 from fleetlog import engines
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
-from fleetlog.discovery.channels.base import Channel
+from fleetlog.discovery.channels.base import lay_out
 from fleetlog.discovery.channels.choose import CHANNELS, ROWS, channel_of, present
-from fleetlog.discovery.explain import Explained, explain
+from fleetlog.discovery.explain import Explained, Task, explain, searched, task
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import COLUMNS, Fleet, absences, read_fleet
 from fleetlog.discovery.recording.sensors import Fault, examine
 from fleetlog.discovery.recording.splits import Kind, Split, make_split, passed_once
 from fleetlog.discovery.report.finding import Verdict
 from fleetlog.discovery.report.others import of_fault
-from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.settings import SETTINGS, Settings
 from fleetlog.errors import ArgumentError, DataError, nearest
 from fleetlog.physics.power import all_terms
@@ -59,25 +58,25 @@ def diagnose(
     split = _split(fleet, holdout, settings, seed)
     progress("sensors")
     fleet, faults = examine(fleet, split, tuple(terms))
-    names = list(present(fleet, channels))
-    engine = engines.Engine() if fleet.large else engines.current()
-    work = partial(_explained, fleet, split, base, settings, tuple(terms))
-    explained: dict[str, Explained] = {}
-    with closing(engine.run(work, names)) as found:
-        for name in names:
-            progress(name)
-            explained[name] = next(found)
-    if not explained:
+    progress("windows")
+    found = [channel_of(name, fleet, base, settings, split) for name in present(fleet, channels)]
+    if not found:
         raise DataError("no channel to judge", do="record power, state of charge, or positions on a road map")
+    lay_out(found)
+    # The longest search comes last: what the others found is judged beside it.
+    tasks = [task(channel, split, settings) for channel in reversed(found)]
+    judged: dict[str, Explained] = {}
+    with closing(engines.current().run(partial(searched, base, tuple(terms)), tasks, _name)) as results:
+        for own, result in zip(tasks, results, strict=True):
+            progress(_name(own))
+            judged[_name(own)] = explain(own, base, result)
+            own.sample.channel.put_back()
+    explained = {c.name: judged[c.name] for c in found}
     return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, fleet)
 
 
-def _explained(
-    fleet: Fleet, split: Split, base: Model, settings: Settings, terms: tuple[str, ...], name: str
-) -> Explained:
-    """Explain one channel."""
-    channel: Channel = channel_of(name, fleet, base, settings, split)
-    return explain(Problem(channel, split, settings, ()), base, terms)
+def _name(own: Task) -> str:
+    return own.problem.channel.name
 
 
 def together(base: Model, explained: dict[str, Explained]) -> Model:
@@ -88,7 +87,7 @@ def together(base: Model, explained: dict[str, Explained]) -> Model:
 
 
 def _split(fleet: Fleet, holdout: Kind, settings: Settings, seed: int) -> Split:
-    vehicles = sorted({v for v, _ in fleet.days})
+    vehicles = sorted({d.vehicle for d in fleet.days})
     window = max(settings.window, ROWS * fleet.step)
     return make_split(
         holdout, fleet.trips, fleet.seconds, vehicles, list(fleet.dates), settings.folds, settings.held_out,

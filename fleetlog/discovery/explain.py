@@ -1,5 +1,6 @@
 """One channel, from the recording to its findings: search, judge, word."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,14 +11,15 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses, scanned
 from fleetlog.discovery.hypotheses.sources import UNIT
 from fleetlog.discovery.model import Knob, Model
-from fleetlog.discovery.recording.splits import HELD_OUT
+from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.report import fields, others, words
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Finding, Parameter, interval
 from fleetlog.discovery.search.forward import Search, on_bound, search
 from fleetlog.discovery.search.joint import Joint, covariance, errors, refit
 from fleetlog.discovery.search.judge import judge, strongest
-from fleetlog.discovery.search.problem import Problem
+from fleetlog.discovery.search.problem import Noise, Problem
+from fleetlog.discovery.settings import Settings
 
 EXCLUDED = 4.0
 """Logarithm of the odds by which an excluded rival must be behind: 55 to 1, about two standard errors."""
@@ -38,25 +40,52 @@ class Explained:
     unexplained: bool
 
 
-def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explained:
-    """Say what a channel is missing."""
+@dataclass
+class Task:
+    """A channel to explain: the ``problem``, ``windows`` that may be looked at, and a ``sample``, of a
+    ``share`` of their trips, on which hypotheses are compared; what is found is fitted to all."""
+
+    problem: Problem
+    windows: int
+    share: float
+    sample: Problem
+
+
+def task(channel: Channel, split: Split, settings: Settings) -> Task:
+    """Return what there is to explain of a channel."""
+    problem = Problem(channel, split, settings, ())
+    windows = sum(channel.each(problem.count))
+    share = settings.sample / max(windows, 1)
+    return Task(problem, windows, share, problem.sampled(share))
+
+
+def searched(base: Model, only: tuple[str, ...], own: Task) -> tuple[Search, Noise] | None:
+    """Return what explains the sample of a channel, and its noise."""
+    if own.windows < own.problem.settings.fewest:
+        return None
+    own.sample.rest = tuple(hypotheses(own.sample.channel, only))
+    return search(own.sample, base), own.sample.noise
+
+
+def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Explained:
+    """Say what a channel is missing, by what was found on its sample."""
+    problem, sample = asked.problem, asked.sample
     channel, settings = problem.channel, problem.settings
-    count = sum(int(unit.whole.sum()) for unit in problem.training())
-    if count < settings.fewest:
-        reason = f"only {count} windows can be used, {settings.fewest} are needed; record more"
+    if result is None:
+        reason = f"only {asked.windows} windows can be used, {settings.fewest} are needed; record more"
         fit = ChannelFit(channel.name, channel.metric, None, None, None, reason)
         return Explained(problem, base, base, fit, [], [], {}, {}, False)
-    problem.rest = tuple(hypotheses(channel, only))
-    # Hypotheses are compared on an even sample of trips; what is found is fitted to all.
-    found = search(problem.sampled(settings.sample / count), base)
+    found, sample.noise = result
+    if asked.share >= 1.0:
+        problem.noise = sample.noise
     problem.learn(found.joint.model, found.joint.chosen)
     kept = [h for h in found.joint.chosen if h.term is not None]
     # What is written holds no free curve; the corrections beside it are fitted without one, too.
-    final = refit(problem, found.joint.model, kept)
+    final = _on_all(asked, found.joint.model, kept)
     # A number may only be plausible beside a curve: it is not told then.
     while beyond := [h for h in kept if h.knobs and on_bound(problem, final, h)]:
         kept = [h for h in kept if h not in beyond]
-        final = refit(problem, found.joint.model.without({k for h in beyond for k in h.knobs}, set()), kept)
+        final = _on_all(asked, found.joint.model.without({k for h in beyond for k in h.knobs}, set()), kept)
     known = covariance(problem, final)
     numbers = _numbers(final, errors(known))
     chosen = [h for h in found.joint.chosen if h.term is None or h in kept]
@@ -65,13 +94,16 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
     # The strongest single hypothesis beside the base, whatever came of it: its p-value is uniform where
     # nothing is concealed.
     best = [h for h in (found.best_untold,) if h is not None]
-    sums = problem.sums(found.base.model, [*untold, *best]) if named or best else None
+    # What a number of the truck file is off beside no finding is known as well from the sample.
+    sums = sample.sums(found.base.model, [*untold, *best]) if named or best else None
     # Where nothing is told, there is no difference between before and after.
-    before = refit(problem, found.base.model, untold, known=sums) if named else final
+    before = refit(sample, found.base.model, untold, known=sums) if named else final
     beside = {h: refit(problem, final.model, [*kept, h], steps=1) for h in told if h.term is None}
-    fit, judged, rest = judge(problem, before.model, final, {h: final.without(h) for h in named}, beside)
+    fit, judged, rest = judge(
+        problem, before.model, final, {h: final.without(h) for h in named}, beside, asked.share
+    )
     if best:
-        alone = refit(problem, found.base.model, best, steps=1, known=sums)
+        alone = refit(sample, found.base.model, best, steps=1, known=sums)
         fit.p_value = strongest(problem, found.base, alone)
     values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
     findings = []
@@ -95,11 +127,18 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
     )  # fmt: skip
 
 
+def _on_all(asked: Task, model: Model, kept: Sequence[Hypothesis]) -> Joint:
+    """Fit hypotheses to all trips: from where a sample of them leads, one step is as good as any number (Le
+    Cam 1956)."""
+    joint = refit(asked.sample, model, kept)
+    return joint if asked.share >= 1.0 else refit(asked.problem, joint.model, kept, steps=1)
+
+
 def _with_traffic(problem: Problem, model: Model, fit: ChannelFit, p_value: float) -> Errors:
     """The error on held-out trips with the windows in which other vehicles were in the way, and without."""
     off, size = 0.0, 0.0
     for unit in problem.channel.units():
-        use = (problem.folds(unit) == HELD_OUT) & (unit.recorded > 0.0)
+        use = (unit.fold == HELD_OUT) & (unit.recorded > 0.0)
         off += float(((unit.recorded - problem.channel.predict(unit, model))[use] ** 2).sum())
         size += float((unit.recorded[use] ** 2).sum())
     return Errors(fit.metric, float(np.sqrt(off / size)) if size else None, fit.after, p_value)

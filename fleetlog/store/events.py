@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog.core.arrays import Array, Floats, Ints
-from fleetlog.core.columns import ARROW, Column
+from fleetlog.core.columns import ARROW, Column, schema_of
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import InputError
 from fleetlog.store.dataset import Dataset
@@ -35,6 +35,7 @@ class Lines(NamedTuple):
 
 Columns = Mapping[str, Array | Labels | Lines]
 """Of some rows: numbers, times [us] and -1 for null, labels, or polylines."""
+KINDS = ARROW | {"label": pa.string()}
 KEPT = 1 << 17  # Rows of a table that are kept before they are written
 
 _TEXT = tomllib.loads(Path(__file__).with_name("events.toml").read_text(encoding="utf-8"))
@@ -58,7 +59,7 @@ class Tables:
     def add(self, name: Name, columns: Columns) -> None:
         """Append rows; they are written when enough have come together."""
         arrays = [_array(columns[c.name], c.kind) for c in TABLES[name]]
-        self._kept[name].append(pa.Table.from_arrays(arrays, schema=_schema(name)))
+        self._kept[name].append(pa.Table.from_arrays(arrays, schema=schema_of(TABLES[name], KINDS)))
         self._rows[name] += len(arrays[0])
         if sum(map(len, self._kept[name])) >= KEPT:
             self._write(name)
@@ -77,13 +78,6 @@ class Tables:
         for writer in self._writers.values():
             writer.close()
         return {name: {"file": f"{name}.parquet", "rows": n} for name, n in self._rows.items()}
-
-
-def _schema(name: Name) -> pa.Schema:
-    kinds = ARROW | {"label": pa.string()}
-    return pa.schema(
-        pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "meaning": c.meaning}) for c in TABLES[name]
-    )
 
 
 def _array(values: Array | Labels | Lines, kind: str) -> pa.Array:

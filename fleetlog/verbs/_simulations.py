@@ -11,6 +11,7 @@ from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, dataset_answer, destination
 from fleetlog.core.arguments import moment, seconds
 from fleetlog.core.site import Site
+from fleetlog.core.words import count, percent
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.listening import notice, progress
 from fleetlog.physics.battery import battery_of
@@ -148,14 +149,16 @@ def _mission(asked: Asked, writer: DatasetWriter) -> Told:
     writer.site = asked.like.site
     summary = replay(asked.like, asked.truck, writer, asked.physics, _told, asked.together)
     lines = [
-        f"{summary.trips} trips of {summary.vehicles} trucks driven again, {summary.rows} rows",
-        f"simulated / recorded: distance {summary.distance_ratio:.3f}, driving {summary.duration_ratio:.3f}, "
-        f"energy {summary.energy_ratio:.3f}",
+        f"{count(summary.vehicles, 'truck')} drove {count(summary.trips, 'trip')} again: "
+        f"{count(summary.rows, 'row')}.",
+        f"Simulated over recorded: distance {summary.distance_ratio:.3f}, driving time "
+        f"{summary.duration_ratio:.3f}, energy {summary.energy_ratio:.3f}.",
     ]
     if summary.own_path:
-        lines.append(f"{summary.own_path} trips follow their recorded positions: they are not on the roads")
+        own = count(summary.own_path, "trip")
+        lines.append(f"Not on the roads, and driven along the recorded positions: {own}.")
     if summary.lost_share is not None:
-        lines.append(f"traffic: {100.0 * summary.lost_share:.1f} % of the travel time lost to other trucks")
+        lines.append(f"Trucks lose {percent(summary.lost_share, 1)} of the travel time to other trucks.")
     return {k: v for k, v in asdict(summary).items() if v is not None}, lines
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Chassis, Truck
-from fleetlog.discovery.channels.paths import Path, lost_time
+from fleetlog.discovery.channels.paths import Path, lost, lost_time, usual_time
 from fleetlog.discovery.recording.conflicts import Route, hindered
 from fleetlog.physics.motion.legs import Leg
 
@@ -86,11 +86,11 @@ class _Lane:
 
 def test_time_lost_is_what_is_over_undisturbed_passages_of_the_same_place() -> None:
     rng = np.random.default_rng(1)
-    passed, lost = [], 0.0
+    passed, gone, lane = [], 0.0, _Lane()
     for trip in range(60):
         behind = trip % 3 == 0
         extra = rng.exponential(0.5, 40) if behind else np.zeros(40)
-        lost += extra.sum()
+        gone += extra.sum()
         took = 1.1 + 0.02 * rng.normal(size=40) + extra
         nodes = np.zeros(40, np.int64)
         motion = Motion.of(40)
@@ -106,17 +106,18 @@ def test_time_lost_is_what_is_over_undisturbed_passages_of_the_same_place() -> N
             np.array([behind]),
             np.array([behind]),
         )
-        passed.append((path, np.array([not behind]), np.array([trip]), np.zeros(40)))
-    found = lost_time(passed, _Lane(), lambda p: np.ones(len(p.s)))  # type: ignore[arg-type]
+        passed.append((path, np.array([not behind]), np.array([trip]), np.zeros(40), np.ones(40)))
+    found = lost(*lost_time(passed, lane, usual_time(passed, lane)))
     assert found is not None
     total = sum(p.took.sum() for p, *_ in passed)
-    assert abs(found.share - lost / total) < 0.01
-    assert abs(found.share - lost / total) < 2.0 * found.error
+    assert abs(found.share - gone / total) < 0.01
+    assert abs(found.share - gone / total) < 2.0 * found.error
     # What trucks are known to wait there, whoever is in the way, is not lost to traffic.
     known = [
-        (path, whole, trip, np.where(path.behind[0], extra_of(path), 0.0)) for path, whole, trip, _ in passed
+        (path, whole, trip, np.where(path.behind[0], extra_of(path), 0.0), free)
+        for path, whole, trip, _, free in passed
     ]
-    left = lost_time(known, _Lane(), lambda p: np.ones(len(p.s)))  # type: ignore[arg-type]
+    left = lost(*lost_time(known, lane, usual_time(known, lane)))
     assert left is not None
     assert abs(left.share) < 0.01
 

@@ -59,6 +59,9 @@ class Seen:
     def __getattr__(self, name: str) -> object:
         return getattr(self.dataset, name)
 
+    def here(self) -> Seen:
+        return self
+
     def read(self, vehicle: str, date: str, columns: Sequence[str]) -> Trajectory:
         """One vehicle-day, changed."""
         return self.change(self.dataset.read(vehicle, date, columns))

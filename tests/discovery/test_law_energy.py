@@ -38,7 +38,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def of_diagnosis(dataset: Dataset) -> dict[str, float]:
     """kWh by term on the motion that a diagnosis looks at."""
     total: dict[str, float] = {}
-    for block in read_fleet(dataset, TRUCK).each_block():
+    fleet = read_fleet(dataset, TRUCK)
+    for _, block in (pair for date in fleet.dates for pair in fleet.each_block(date)):
         for name, watts in ledger(block.motion, FOUND).items():
             total[name] = total.get(name, 0.0) + float(watts @ block.motion.dt) / JOULES
     return total

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from fleetlog.core.motion import Motion
+from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -20,15 +20,16 @@ from fleetlog.core.truck import Chassis, Truck
 from fleetlog.discovery.channels.choose import channel_of
 from fleetlog.discovery.channels.energy import _recorded
 from fleetlog.discovery.channels.energy_columns import Evaluation
-from fleetlog.discovery.channels.paths import kinks
+from fleetlog.discovery.channels.paths import _shares, across, kinks
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, _numbers
 from fleetlog.discovery.model import FLEET, Model
 from fleetlog.discovery.recording.blocks import block, cut
+from fleetlog.discovery.recording.day import day_of
 from fleetlog.discovery.recording.fleet import Fleet, read_fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
-from fleetlog.discovery.recording.turns import Turn, _map_explains, measure
+from fleetlog.discovery.recording.turns import Turn, _map_explains, crossings, measure
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
@@ -125,7 +126,7 @@ def fleet(shift: float = 0.0) -> Fleet:
     for k in range(2):
         track = drive(1200, k)
         late = rows_late(track.seconds(), drive(12000, k, 0.1), shift)
-        days.append((k, track.with_columns(battery_power=late)))
+        days.append(day_of(k, track.with_columns(battery_power=late)))
     return Fleet(days, ("a", "b"), None, TRUCK, {}, {})
 
 
@@ -213,7 +214,7 @@ def test_what_a_road_does_not_follow_widens_no_interval() -> None:
 
 def test_without_positions_nothing_that_follows_the_heading_is_offered() -> None:
     def terms(track: Trajectory) -> tuple[set[str], set[str]]:
-        fleet = Fleet([(0, track)], ("T",), None, TRUCK, {}, {})
+        fleet = Fleet([day_of(0, track)], ("T",), None, TRUCK, {}, {})
         split = make_split("trips", fleet.trips, fleet.seconds, [0], list(fleet.dates), 5, 0.2, 0)
         channel = channel_of("battery_power", fleet, Model(TRUCK), SETTINGS, split)
         curves = {v for c in channel.curves() for v in c.variables}
@@ -238,13 +239,14 @@ def test_a_withheld_column_is_not_read(tmp_path: Path) -> None:
         writer.write(track)
     data = Dataset(tmp_path / "d")
     slope = [
-        abs(next(read_fleet(data, TRUCK, without=w).each_block()).motion.slope).max() for w in ((), ("z",))
+        abs(next(f.each_block(f.dates[0]))[1].motion.slope).max()
+        for f in (read_fleet(data, TRUCK, without=w) for w in ((), ("z",)))
     ]
     assert slope[0] > 0.0 == slope[1]
 
 
 def turn(angle: float, speed: float, length: float, corner: float) -> Turn:
-    return Turn(angle, 0.0, length, speed, 4.0, corner)
+    return Turn(angle, length, speed, 4.0, corner)
 
 
 @pytest.mark.parametrize("lateral", [0.4, 1.2, 2.5])
@@ -288,7 +290,70 @@ def test_a_slow_road_behind_a_junction_does_not_make_the_junction_slow(angle: fl
         leg.path.edge[:] += 2 + 2 * (k % 3)
     legs = [slow, slow, slow, *(leg for leg in others for _ in range(3))]
     everywhere = [(leg, np.full(121, 3.0), np.ones(121, bool)) for leg in legs]
-    assert measure(everywhere, TRUCK).by_way[0, 1].speed == pytest.approx(2.0)
+    assert measure(crossings(everywhere), TRUCK).by_way[0, 1].speed == pytest.approx(2.0)
+
+
+def ways_beside(leg: Leg, angle: float = 1.5) -> list[tuple[Leg, np.ndarray, np.ndarray]]:
+    """Three passages of a way, and of three more with a bend: those are needed to measure any."""
+    others = [crossing(angle, lambda s: 2.0) for _ in range(3)]
+    for k, other in enumerate(others):
+        other.path.edge[:] += 2 + 2 * k
+    legs = [leg, *others]
+    return [(one, np.full(121, 3.5), np.ones(121, bool)) for one in legs for _ in range(3)]
+
+
+def giving_way(s: float) -> float:
+    """At 2 m/s ten metres before the junction, at 3.5 m/s far from it."""
+    rate = 0.8 if s < 20.0 else 0.6
+    return min(3.5, np.sqrt(4.0 + 2.0 * rate * abs(s - 20.0)))
+
+
+def test_where_trucks_slow_down_before_a_junction_is_measured() -> None:
+    ((middle, _, speed),) = measure(ways_beside(crossing(0.0, giving_way)), TRUCK).by_way[0, 1].slow
+    assert middle == pytest.approx(-10.0, abs=1.0)
+    assert speed == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("slow", [range(61), range(31), range(30, 61)])
+def test_a_slow_road_before_or_behind_a_junction_is_no_place_where_trucks_give_way(slow: range) -> None:
+    """At 2 m/s on the whole way, before, or behind the junction, and braking for that; else at 3.5 m/s."""
+
+    def pace(s: float) -> float:
+        ahead, since = max(slow[0] - s, 0.0), max(s - slow[-1], 0.0)
+        return min(3.5, np.sqrt(4.0 + 1.6 * ahead + 1.2 * since))
+
+    assert measure(ways_beside(crossing(0.0, pace)), TRUCK).by_way[0, 1].slow == ()
+
+
+def test_limits_are_shared_where_roads_meet() -> None:
+    s = np.arange(0.0, 61.0)
+    edge = (s > 30.0).astype(int)
+    limit = np.where(edge > 0, 4.5, 2.5)
+    shared = across(limit, edge, s, s > 0.0)
+    near = np.abs(s - 30.0) < 4.5
+    assert shared[near] == pytest.approx(3.5)
+    assert (shared == limit)[np.abs(s - 30.0) > 5.5].all()
+
+
+@pytest.mark.parametrize(("waits", "parts"), [([0.0, 0.0], [0.5, 0.5]), ([9.0, 0.0], [1.0, 0.0])])
+def test_a_stop_for_a_purpose_makes_no_second_passage(waits: list[float], parts: list[float]) -> None:
+    """A truck stops within a stretch, for a purpose or not, and goes on; who begins there has not passed it."""
+    lanes = make_stretches(network(), apart=True)
+    middle, length = 0.5 * (lanes.start + lanes.end)[0], lanes.end[0]
+    one = np.linspace(0.01, length - 0.01, 20)
+    offset = np.concatenate([one[one < middle], one[one >= middle]])
+    motion = Motion.of(20, edge=np.zeros(20, np.int32), edge_offset=offset)
+    half = int((one < middle).sum())
+    inside = np.ones(20, bool)
+    inside[[0, half]] = False
+    before = Motion.of(1, edge=np.zeros(1, np.int32), edge_offset=np.array([lanes.end[1] - 0.01]))
+    started = _shares(lanes, motion, inside.astype(float), inside, np.array(waits))
+    assert started.sum() == (1.0 if waits[0] else 0.0)
+    whole = join([before, motion])
+    drive = np.append(False, np.ones(20, bool))
+    drive[1 + half] = False
+    share = _shares(lanes, whole, drive.astype(float), drive, np.array(waits))[1:]
+    assert [share[:half].sum(), share[half:].sum()] == pytest.approx(parts, abs=0.06)
 
 
 def test_numbers_of_one_term_are_tried_one_by_one_and_in_pairs() -> None:

@@ -8,7 +8,7 @@ import pytest
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Chassis, Truck
 from fleetlog.discovery.recording.blocks import block
-from fleetlog.discovery.recording.fleet import seldom
+from fleetlog.discovery.recording.day import seldom
 
 
 def drive(every: int, null: bool = False) -> tuple[Trajectory, np.ndarray, np.ndarray]:

@@ -14,7 +14,8 @@ from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.channels.choose import channel_of
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.blocks import Windows, block
+from fleetlog.discovery.recording.blocks import Windows, block, merged
+from fleetlog.discovery.recording.day import day_of
 from fleetlog.discovery.recording.fleet import read_fleet
 from fleetlog.discovery.recording.splits import make_split
 from fleetlog.discovery.search.joint import refit
@@ -36,7 +37,7 @@ def learnt(exponent: float, seed: int) -> Noise:
     )  # fmt: skip
     recorded = level + rng.normal(0.0, 1.0, WINDOWS) * swing ** (exponent / 2.0)
     whole = np.ones(WINDOWS, bool)
-    unit = Unit(windows, recorded, whole, np.zeros(WINDOWS), level, swing, None)
+    unit = Unit(windows, recorded, whole, np.zeros(WINDOWS), level, swing, np.zeros(WINDOWS, int), None)
     table = (unit, level, rng.normal(size=(WINDOWS, 2)).astype(np.float32))
     return learn([table], SETTINGS, 0.0, lambda w: w.trip)
 
@@ -53,9 +54,32 @@ def test_weights_are_the_inverse_of_the_variance_that_was_put_in() -> None:
     assert one == pytest.approx(1.0, rel=0.2)
 
 
+def test_noise_is_no_less_where_the_freest_model_has_a_column_for_every_window() -> None:
+    """Windows that it has seen a fit with as many columns follows; of one that it has not it knows nothing."""
+    count = np.arange(300)
+    level = np.full(300, 40.0)
+    windows = Windows(
+        trip=count, vehicle=np.zeros(300, int), day=np.zeros(300, int), edge=count, duration=np.full(300, 10.0),
+        distance=np.full(300, 20.0), x=level, y=level, time=count * 10.0,
+    )  # fmt: skip
+    recorded, whole = level + np.random.default_rng(1).normal(0.0, 2.0, 300), np.ones(300, bool)
+    unit = Unit(windows, recorded, whole, np.zeros(300), level, np.ones(300), None)
+    noise = learn([(unit, level, np.eye(300, dtype=np.float32))], SETTINGS, 0.0, lambda w: w.trip)
+    assert np.mean(1.0 / noise.plain(unit)) > 3.0
+
+
 def _single(swing: float) -> Unit:
     w = Windows(*(np.array([v]) for v in (0, 0, 0, 0, 10.0, 20.0, 0.0, 0.0, 0.0)))
-    return Unit(w, np.array([40.0]), np.ones(1, bool), np.zeros(1), np.array([40.0]), np.array([swing]), None)
+    return Unit(
+        w,
+        np.array([40.0]),
+        np.ones(1, bool),
+        np.zeros(1),
+        np.array([40.0]),
+        np.array([swing]),
+        np.zeros(1, int),
+        None,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +100,7 @@ def test_the_models_own_error_grows_as_rows_become_rarer(simulated: Path) -> Non
     split = make_split("trips", fleet.trips, fleet.seconds, [0, 1, 2], [0], 10, 0.2, 0)
     base, errors = Model(truck), []
     for every in (1, 2, 5):
-        rarer = replace(fleet, days=[(v, t[::every]) for v, t in fleet.days])
+        rarer = replace(fleet, days=[day_of(d.vehicle, d.load()[::every]) for d in fleet.days])
         errors.append(channel_of("battery_power", rarer, base, SETTINGS, split).model_error)
     assert errors[0] < 0.04
     assert errors[0] <= errors[1] < errors[2]
@@ -107,7 +131,7 @@ def test_rows_whose_power_is_a_mean_say_their_energy_once(simulated: Path, inter
     mean = (sums - np.concatenate([np.zeros(interval), sums[:-interval]])) / interval
     told = trajectory.with_columns(battery_power=mean)
     truck = load_truck(Path(__file__).parents[2] / "sample_data" / "truck.toml")
-    made = block(told, 0, dataset.site.network, truck, mean_of=float(interval))
+    made = merged(block(told, 0, dataset.site.network, truck), float(interval))
     rows = np.flatnonzero(np.isfinite(made.power))[1:]
     assert len(made) == pytest.approx(len(exact) / interval, rel=0.2)
     last = np.searchsorted(trajectory.time * 1e-6, made.time[rows] + 0.5 * (interval - 1) - 0.1)

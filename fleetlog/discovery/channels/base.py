@@ -1,11 +1,11 @@
 """What the search needs of a channel, energy over windows or time over stretches, and what both do alike."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, get_args
+from functools import cached_property, partial
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +15,16 @@ from fleetlog.discovery.channels.paths import Lost
 from fleetlog.discovery.hypotheses.cells import Cells
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, FreeCurve, Source, knots_of
 from fleetlog.discovery.model import Knob, Model, Scope
-from fleetlog.discovery.recording.blocks import Windows, picked, stacked
+from fleetlog.discovery.recording.blocks import Block, Windows, picked, stacked
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.shelf import Shelf
-from fleetlog.discovery.recording.splits import Split
+from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.physics.term import Term
 
 Columns = NDArray[np.float32]
+R = TypeVar("R")
 
+SAMPLE = "sample"  # Group of what is drawn from all dates
 CODES = ("vehicle_id", "day", "trip_id", "heading")
 """Variables without knots: codes, and an angle, which goes round."""
 
@@ -34,7 +36,7 @@ class Unit:
     ``own`` is the channel's: a ``motion`` (n,), the window ``of`` each of its samples, and how to take a
     ``part`` or to put several ``joined``; ``noise`` (W,) the variance that the uncertainty of the motion
     leaves to any model; ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter
-    about it, above zero: noise grows with both."""
+    about it, above zero: noise grows with both; ``fold`` (W,) that each is dealt to."""
 
     windows: Windows
     recorded: Floats
@@ -42,6 +44,7 @@ class Unit:
     noise: Floats
     level: Floats
     swing: Floats
+    fold: Ints
     own: Any
 
     @property
@@ -63,22 +66,69 @@ class Channel(ABC):
     name: str
     fleet: Fleet
     base: Model
+    split: Split
     metric: str = field(default="", init=False)  # What the error is
     model_error: float = field(default=0.0, init=False)
     """Share of a window's quantity that any model may miss."""
     place_error: float = field(default=0.0, init=False)  # The same share at some places, where it gathers
     steady: bool = field(default=True, init=False)
     """Whether the model's own error is alike in all trucks and hours."""
+    bends: bool = field(default=True, init=False)
+    """Whether effects bend what is recorded (trucks begin to brake), beyond what their columns say."""
     by_place: bool = field(default=True, init=False)  # Whether free power (or time) by place can be told
     errors: list[ErrorSource] = field(default_factory=list, init=False)  # What sampling hides
     notes: list[str] = field(default_factory=list, init=False)
     """What a reader should know of what the recording hides from the channel."""
-    _kept: Shelf[Unit] | None = field(default=None, init=False)
+    shelf: Shelf = field(default_factory=Shelf, init=False)
+    share: float | None = field(default=None, init=False)  # Of what is not held out, in a sample
+    _laid: bool = field(default=False, init=False)
+    _held: list[Unit] = field(default_factory=list, init=False)
     _passes: dict[str, Ints] = field(default_factory=dict, init=False)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_held": []}
+
     @abstractmethod
+    def look(self, number: int, block: Block) -> Any:
+        """Keep the windows of a vehicle-day, and return what :meth:`close` needs of it."""
+
+    def close(self, date: int, looked: list[Any]) -> Any:
+        """Return what a date tells of all, once all its vehicles were looked at."""
+        return None
+
+    def learn(self, told: list[Any]) -> None:
+        """Learn what all dates told."""
+        return
+
+    def of(self, date: int) -> Iterator[Unit]:
+        """Yield the units of a date."""
+        return (self.shelf.get(str(date), number) for number in self.numbers(date))
+
+    def numbers(self, date: int) -> list[int]:
+        """Return the numbers of its vehicle-days."""
+        if not self.shelf.has(str(date)):  # Of a worker on another machine
+            lay([self], date)
+        return self.shelf.numbers(str(date))
+
     def units(self) -> Iterator[Unit]:
         """Yield the recording, piece by piece."""
+        if self.share is not None:
+            yield from self._sample()
+            return
+        if not self._laid:
+            lay_out([self])
+        for date in self.fleet.dates:
+            yield from self.of(date)
+
+    def each(self, work: Callable[[Iterable[Unit]], R]) -> Iterator[R]:
+        """Yield what a function makes of the units of every date, in their order, on the engine in use; of a
+        sample what it makes of all."""
+        if self.share is not None:
+            yield work(self._sample())
+            return
+        if not self._laid:
+            lay_out([self])
+        yield from self.fleet.each(partial(_of_date, self, work))
 
     @abstractmethod
     def about(self, own: Any, model: Model) -> "About":
@@ -124,16 +174,35 @@ class Channel(ABC):
             return int(self.cells(source.physics).root.shape[1])
         return source.width if isinstance(source, FreeCurve) else 1
 
-    def sampled(self, split: Split, share: float) -> "Channel":
-        """Return the channel with such a share of what is held out together, evenly drawn."""
-        by_vehicle: dict[int, list[Unit]] = {}
-        for unit in self.units():
-            part = unit.part(split.drawn(unit.windows, share))
-            if len(part.windows):
-                by_vehicle.setdefault(int(part.windows.vehicle[0]), []).append(part)
+    def sampled(self, share: float) -> "Channel":
+        """Return the channel with such a share of what is held out together, evenly drawn; or all."""
         drawn = copy(self)
-        drawn._kept, drawn._passes = Shelf(False, map(self._joined, by_vehicle.values())), {}
+        drawn.share, drawn._held, drawn._passes = share, [], {}
         return drawn
+
+    def _sample(self) -> list[Unit]:
+        assert self.share is not None
+        if not self._held:
+            whole = copy(self)
+            whole.share = None
+            self._held = list(whole.units()) if self.share >= 1.0 else self._drawn(whole, self.share)
+        return self._held
+
+    def put_back(self) -> None:
+        """Keep nothing of a sample in memory."""
+        self._held = []
+
+    def _drawn(self, whole: "Channel", share: float) -> list[Unit]:
+        if not self.shelf.has(SAMPLE):
+            by_vehicle: dict[int, list[Unit]] = {}
+            for unit in whole.units():
+                use = self.split.drawn(unit.windows, share) & (unit.fold != HELD_OUT)
+                if use.any():
+                    by_vehicle.setdefault(int(unit.windows.vehicle[0]), []).append(unit.part(use))
+            for vehicle, parts in by_vehicle.items():
+                self.shelf.put(SAMPLE, vehicle, self._joined(parts))
+            self.shelf.end(SAMPLE)
+        return [self.shelf.get(SAMPLE, k) for k in self.shelf.numbers(SAMPLE)]
 
     def _joined(self, parts: list[Unit]) -> Unit:
         """Several units of one vehicle as one: a few long arrays cost less than many short ones."""
@@ -153,8 +222,12 @@ class Channel(ABC):
     @cached_property
     def knots(self) -> dict[str, tuple[float, ...]]:
         """Knots of every variable that moves."""
+        return self.knots_in(self.units())
+
+    def knots_in(self, units: Iterable[Unit]) -> dict[str, tuple[float, ...]]:
+        """Return them in some units."""
         pooled: dict[str, list[Floats]] = {}
-        for unit in self.units():
+        for unit in units:
             for name, values in self.state(unit.own).items():
                 if name not in CODES:
                     pooled.setdefault(name, []).append(values[::4])
@@ -164,15 +237,43 @@ class Channel(ABC):
     def passes(self, term: Term) -> Ints:
         """Return how many windows touch each value of a field, (C,)."""
         if term.name not in self._passes:
-            cells = self.cells(term)
-            size = cells.size
-            total = np.zeros(size, np.int64)
-            for own in (unit.own for unit in self.units()):
-                for number, _ in cells.parts(own.motion):
-                    pairs = np.unique(own.of[number >= 0] * size + number[number >= 0])
-                    total += np.bincount(pairs % size, minlength=size)
-            self._passes[term.name] = total
+            self._passes[term.name] = np.sum(list(self.each(partial(_touched, self.cells(term)))), axis=0)
         return self._passes[term.name]
+
+
+def lay(channels: Sequence[Channel], date: int) -> list[Any]:
+    """Put the windows of a date on the shelves of channels, the motion made once for all; return what each
+    has to tell."""
+    looked: list[list[Any]] = [[] for _ in channels]
+    for number, block in channels[0].fleet.each_block(date):
+        for channel, own in zip(channels, looked, strict=True):
+            own.append(channel.look(number, block))
+    told = [channel.close(date, own) for channel, own in zip(channels, looked, strict=True)]
+    for channel in channels:
+        channel.shelf.end(str(date))
+    return told
+
+
+def lay_out(channels: Sequence[Channel]) -> None:
+    """Put the windows of all dates on the shelves of channels of one fleet."""
+    told = list(channels[0].fleet.each(partial(lay, channels)))
+    for channel, own in zip(channels, zip(*told, strict=True), strict=True):
+        channel.learn(list(own))
+        channel._laid = True
+
+
+def _of_date(channel: Channel, work: Callable[[Iterable[Unit]], R], date: int) -> R:
+    return work(channel.of(date))
+
+
+def _touched(cells: Cells, units: Iterable[Unit]) -> Ints:
+    size = cells.size
+    total = np.zeros(size, np.int64)
+    for own in (unit.own for unit in units):
+        for number, _ in cells.parts(own.motion):
+            pairs = np.unique(own.of[number >= 0] * size + number[number >= 0])
+            total += np.bincount(pairs % size, minlength=size)
+    return total
 
 
 @dataclass

@@ -6,15 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.channels.base import Channel, Unit
 from fleetlog.discovery.channels.between import DILUTED, Between, learn
 from fleetlog.discovery.channels.energy_columns import EnergyAbout, Evaluation, jumps
 from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, charge_curves, energy_curves
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.blocks import Block, Cut, cut
-from fleetlog.discovery.recording.shelf import Shelf
-from fleetlog.discovery.recording.splits import HELD_OUT, Split
+from fleetlog.discovery.recording.blocks import Block, Cut, cut, merged
+from fleetlog.discovery.recording.fleet import far_apart
+from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.power import all_terms, battery_power
@@ -55,13 +56,15 @@ class EnergyChannel(Channel):
             self.errors += [ErrorSource("rounding", spread, vehicle=v) for v in vehicles]
         self.by_place = self.places is not None and not self.measured
 
-    def units(self) -> Iterator[Unit]:
-        """Yield blocks with their windows."""
-        if self._kept is None:
-            self._kept = Shelf(self.fleet.large, map(self._unit, self.fleet.each_block()))
-        yield from self._kept
+    def look(self, number: int, block: Block) -> None:
+        """Keep the windows of a vehicle-day."""
+        self.shelf.put(str(block.day), number, self._unit(block))
 
     def _unit(self, block: Block) -> Unit:
+        known, block = (
+            block.known,
+            replace(merged(block, self.fleet.interval.get(block.vehicle, 0.0)), known=None),
+        )
         if self.measured:
             block = self._on_the_clock_of_charge(block)
         c = cut(block, self.seconds)
@@ -80,36 +83,39 @@ class EnergyChannel(Channel):
         e = self.evaluation(block, self.base)
         noise = np.full(c.count, coarse)
         if not self.measured:
-            noise += block.known.window_variance(lambda m: battery_power(m, e.physics), c.of) * 1e-6
+            assert known is not None
+            noise += known.window_variance(lambda m: battery_power(m, e.physics), c.of) * 1e-6
             noise += self._unknown_load(c, e) ** 2
         swing = np.ones(c.count) if self.name == "soc" else np.maximum(jumps(c, e), LEAST_SWING)
         # Measured power errs where it is large by chance: how noisy a window is must not hang on that.
         level = c.energy((replace(e, measured=None) if self.measured else e).power)
-        return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, c)
+        fold = self.split.fold(frame)
+        return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, fold, c)
 
-    def settle(self, settings: Settings, split: Split, *, final: bool) -> float:
-        """Measure the model's own error, and return the error of sampling: by how much of its energy a
-        window's residual changes with every second row left out.
+    def settle(self, settings: Settings, *, final: bool) -> float:
+        """Measure the model's own error on some vehicle-days, and return the error of sampling: by how much
+        of its energy a window's residual changes with every second row left out.
 
         The mean of half the rows scatters about that of all by as much as that does about the truth.
         ``final``: where rows miss much, learn to tell recorded power from the motion, too."""
         changed = size = 0.0
-        looked = zip(self.fleet.days, self._looked_at(split, settings), strict=False)
-        for (vehicle, trajectory), (unit, use) in looked:
-            change = self._thinned(unit, self.fleet.block(vehicle, trajectory[::2]))
+        seen = list(self._looked_at(settings))
+        for unit, use, rows in seen:
+            change = self._thinned(unit, self.fleet.block(unit.own.block.vehicle, rows[::2]))
             changed += float((change[use] ** 2).sum())
             size += float((unit.recorded[use] ** 2).sum())
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
         if final and self.measured and hidden**2 > DILUTED:
-            motion, seen = replace(self, measured=False), self._looked_at(split, settings)
-            told = learn(self, motion, seen, hidden, settings.evidence)
+            told = learn(
+                self, replace(self, measured=False), [s[:2] for s in seen], hidden, settings.evidence
+            )
             if told.share > 0.5:
-                self.between, self.steady, self._kept = told, False, None
+                self.between, self.steady = told, False
         # Power that is measured at moments errs more by chance than what is told from the motion.
         alike = (0.5 if self.measured and self.between is None else 1.0) * settings.alike
         self.model_error = max(settings.model_error, alike * hidden)
         self.place_error = settings.gathers * self.model_error
-        hunted = self._hunted(split, settings)
+        hunted = self._hunted(seen)
         self.errors += [replace(RIPPLE, road=r) for r in hunted]
         if hunted and self.fleet.network is not None:
             roads = ", ".join(self.fleet.network.edge_ids[r] for r in hunted)
@@ -125,23 +131,25 @@ class EnergyChannel(Channel):
         expected = block.rows(e.power) + between.beyond(self.state(c), drawn)
         return block.power + between.share * (expected - block.power)
 
-    def _looked_at(self, split: Split, settings: Settings) -> Iterator[tuple[Unit, Mask]]:
-        """Yield units until there are windows enough, with those that may be used, (W,)."""
-        count = 0
-        for unit in self.units():
-            use = unit.whole & (split.fold(unit.windows) != HELD_OUT)
-            yield unit, use
+    def _looked_at(self, settings: Settings) -> Iterator[tuple[Unit, Mask, Trajectory]]:
+        """Yield units of vehicle-days far apart until there are windows enough: which of their windows, (W,),
+        may be used, and their rows."""
+        days, count = self.fleet.days, 0
+        for k in far_apart(len(days)):
+            unit = self._unit(self.fleet.block(days[k].vehicle, rows := days[k].load()))
+            use = unit.whole & (unit.fold != HELD_OUT)
+            yield unit, use, rows
             count += int(use.sum())
-            if count >= settings.sample:
+            if count >= settings.sample // 4:  # Their mean square is known to 2 %
                 return
 
-    def _hunted(self, split: Split, settings: Settings) -> tuple[int, ...]:
+    def _hunted(self, seen: list[tuple[Unit, Mask, Trajectory]]) -> tuple[int, ...]:
         """The roads whose energy hangs on how far power swings within rows: there trucks hunt for their
         speed, and how much that costs differs from road to road."""
         if self.measured or not isinstance(self.places, Stretches):
             return ()
         swings, energy = np.zeros((2, len(self.places.network)))
-        for unit, whole in self._looked_at(split, settings):
+        for unit, whole, _ in seen:
             use = whole & (unit.windows.edge >= 0)
             road = self.places.road(unit.windows.edge[use])
             ripple = self.columns(unit, self.base, [RIPPLE])[1][use, 0]
@@ -154,7 +162,7 @@ class EnergyChannel(Channel):
     def _thinned(self, unit: Unit, rare: Block) -> Floats:
         """(W,) the residual of the nominal model [kJ] on every second row alone, less that on all rows."""
         c: Cut = unit.own
-        block = c.block
+        block, rare = c.block, merged(rare, self.fleet.interval.get(rare.vehicle, 0.0))
         if self.measured:
             rare = self._on_the_clock_of_charge(rare)
         # A row counts where it is stamped, whole: of its neighbours one may be held out.

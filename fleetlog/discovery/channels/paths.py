@@ -1,13 +1,12 @@
 """The paths of a fleet as the speed channel sees them: nodes in windows, who was in the way, time taken; and
 what other trucks cost: time on stretches where one was in the way, over what they take otherwise."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.special import stdtr
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
@@ -15,11 +14,10 @@ from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.recording.blocks import TRIP, Windows, by_window, narrow, picked, stacked
-from fleetlog.discovery.recording.conflicts import Route, hindered, on_road, routes
+from fleetlog.discovery.recording.conflicts import Route, hindered, on_road
 from fleetlog.discovery.recording.fleet import Fleet
-from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.recording.turns import Seen, Turns, measure
+from fleetlog.discovery.recording.turns import CENTRE, Seen
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 
@@ -40,7 +38,8 @@ class Path:
     node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane
     that belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at
     the node, neither for a purpose nor for another truck; ``kink`` (G,) curvature [1/m] that a truck would
-    take which follows the line of the map; ``behind`` (W,) whether another truck was in the way in a window,
+    take which follows the line of the map; ``across`` (G,) the limit [m/s] if that of junctions were the mean
+    of their roads'; ``behind`` (W,) whether another truck was in the way in a window,
     and ``apart`` (W,) whether it was, but whatever the truck stood for was not that: of a unit, where only
     the standing counts."""
 
@@ -52,6 +51,7 @@ class Path:
     took: Floats
     standing: Floats
     kink: NDArray[np.float32]
+    across: NDArray[np.float32]
     behind: Mask
     apart: Mask
 
@@ -109,27 +109,17 @@ class Drive:
     wait: float  # Seconds of the standstill after it that served no purpose
 
 
-def laid_out(fleet: Fleet, split: Split, lanes: Stretches, length: float) -> tuple[Shelf[Laid], Turns]:
-    """Lay out what every vehicle drove, and measure how turns are driven where nobody is in the way."""
-    out: Shelf[Laid] = Shelf(fleet.large)
-
-    def drives() -> Iterator[Seen]:
-        for date in fleet.dates:
-            placed = [r for r in routes(fleet, date) if not all((leg.path.edge < 0).all() for leg in r.legs)]
-            for route, driven in _group(placed, fleet) if placed else ():
-                if (found := _lay_out(route, driven, fleet, lanes, length)) is not None:
-                    out.add(found)
-                yield from _undisturbed(route, driven, fleet, split)
-
-    return out, measure(drives(), fleet.truck)
-
-
-def _group(group: list[Route], fleet: Fleet) -> Iterator[tuple[Route, list[Drive]]]:
+def laid_out(
+    group: list[Route], fleet: Fleet, split: Split, lanes: Stretches, length: float, share: float
+) -> Iterator[tuple[Laid | None, Iterator[Seen]]]:
+    """Lay out what every vehicle drove on a date; and, of a share of the trips, what nobody was in the way
+    of, which shows how turns are driven."""
     placed = [[on_road(leg) for leg in r.legs] for r in group]
     group = [replace(r, legs=tuple(leg for leg, _ in p)) for r, p in zip(group, placed, strict=True)]
     flags = hindered(group, [free_speed(r.nodes("edge"), fleet) for r in group], fleet.truck)
     for r, f, p in zip(group, flags, placed, strict=True):
-        yield r, list(_drives(r, *f, np.concatenate([a for _, a in p])))
+        driven = list(_drives(r, *f, np.concatenate([a for _, a in p])))
+        yield _lay_out(r, driven, fleet, lanes, length), _undisturbed(r, driven, fleet, split, share)
 
 
 def free_speed(edge: NDArray[Any], fleet: Fleet) -> Floats:
@@ -156,10 +146,11 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]
         first = k + 1
 
 
-def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split) -> Iterator[Seen]:
-    """The nodes that the search may look at."""
+def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split, share: float) -> Iterator[Seen]:
+    """The nodes that the search may look at, of a share of the trips."""
     path = join([v.leg.path for v in drives])
-    use = split.rows(path.trip + TRIP * r.vehicle, path.time + r.start, r.vehicle, r.day) != HELD_OUT
+    trip = path.trip + TRIP * r.vehicle
+    use = split.rows(trip, path.time + r.start, r.vehicle, r.day, share) != HELD_OUT
     use &= ~np.concatenate([v.behind | v.astray for v in drives])
     ends = np.cumsum([len(v.behind) for v in drives])[:-1]
     parts = (np.split(values, ends) for values in (free_speed(path.edge, fleet), use))
@@ -207,8 +198,9 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     )  # fmt: skip
     of, share, standing = of.astype(np.int32), share.astype(np.float32), standing.astype(np.float32)
     kink = kinks(fleet.network, motion.edge, motion.edge_offset).astype(np.float32)
+    shared = across(limit, motion.edge, s, inside).astype(np.float32)
     apart = behind & ~astray & ~queued & (recorded > 0.0)
-    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, behind, apart)
+    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, shared, behind, apart)
     return path, windows, recorded, (recorded > 0.0) & ~behind & ~astray
 
 
@@ -220,22 +212,32 @@ def kinks(network: Network, edge: NDArray[Any], offset: Floats) -> Floats:
     return np.asarray(np.maximum(turn[before] * near[0], turn[before + 1] * near[1]) / KINK)
 
 
+def across(limit: Floats, edge: NDArray[Any], s: Floats, inside: Mask) -> Floats:
+    """(N,) limits of roads, but the mean of two where they meet."""
+    out = limit.copy()
+    for i in np.flatnonzero((np.diff(edge) != 0) & (np.diff(limit) != 0.0) & inside[1:]).tolist():
+        out[np.searchsorted(s, s[i] - CENTRE) : np.searchsorted(s, s[i] + CENTRE)] = limit[i : i + 2].mean()
+    return out
+
+
 def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: Floats) -> Floats:
     """(G,) part of the passage of a lane that each step is; the parts of a passage add up to one.
 
     Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the
-    wait."""
+    wait.  Whoever sets off there goes on with the passage that ended there, or passes nothing."""
     lane = lanes.at(motion)[0]
     begin = np.flatnonzero(~inside)
     run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1
-    passage, stop = np.arange(int(run[-1]) + 1), np.full(int(run[-1]) + 1, -1)
-    for k in range(len(begin) - 1):
-        start, end = begin[k + 1], begin[k + 1] - 1
-        if waits[k] > 0.0 and lane[start] == lane[end]:
+    count = int(run[-1]) + 1
+    passage, stop, passed = np.arange(count), np.full(count, -1), np.ones(count, bool)
+    passed[run[begin]] = False
+    for start, end, wait in zip(begin[1:], begin[1:] - 1, waits, strict=False):
+        if lane[start] == lane[end]:
             passage[run[start]] = passage[run[end]]
-            stop[passage[run[end]]] = end
+            if wait > 0.0:
+                stop[passage[run[end]]], passed[passage[run[end]]] = end, True
     of = passage[run]
-    share = step / np.maximum(np.bincount(of, step, len(passage)), 1e-9)[of]
+    share = np.where(passed[of], step / np.maximum(np.bincount(of, step, count), 1e-9)[of], 0.0)
     share[stop[of] >= 0] = 0.0
     share[stop[stop >= 0]] = 1.0
     return np.asarray(share)
@@ -267,45 +269,53 @@ class Lost:
     p_value: float
 
 
-Passed = tuple[Path, Mask, Ints, Floats]
-"""A path, which of its windows count, (W,), the trips of these, (W,), and the seconds that trucks are known
-to wait at its nodes, whoever is there, (G,)."""
+Passed = tuple[Path, Mask, Ints, Floats, Floats]
+"""A path, which of its windows count, (W,), the trips of these, (W,), and at its nodes, (G,), the seconds
+that trucks are known to wait, whoever is there, and those that the free drive takes."""
+
+
+def usual_time(passed: Iterable[Passed], lanes: Stretches) -> Floats:
+    """(2, C) by stretch of lane, where nobody was in the way: time beyond the free drive, and by it."""
+    total = np.zeros((2, len(lanes)))
+    for path, whole, _, _, free in passed:
+        cell, plain = lanes.at(path.motion)[0].astype(np.int64), whole[path.of]
+        total[0] += np.bincount(cell, plain * (path.took - path.standing - free), len(lanes))
+        total[1] += np.bincount(cell, plain * free, len(lanes))
+    return total
 
 
 def lost_time(
-    passed: Iterable[Passed], lanes: Stretches, free: Callable[[Path], Floats], known: Floats | None = None
-) -> Lost | None:
-    """Return the time lost; None where nobody was in the way. ``free`` gives the modelled seconds at the
-    nodes of a path; ``known`` (C,) is the share of the time by stretch of lane that is known to be lost: it
-    is left out."""
-    # By trip and stretch: time beyond the model, and by it, where another truck was in the way; time in all.
-    parts, size = [], len(lanes)
-    more, base = np.zeros((2, size))
-    for path, whole, of_window, waits in passed:
-        modelled, cell = free(path), lanes.at(path.motion)[0].astype(np.int64)
-        over, plain, behind = path.took - path.standing - modelled, whole[path.of], path.behind[path.of]
-        more += np.bincount(cell, plain * over, size)
-        base += np.bincount(cell, plain * modelled, size)
-        pair, which = np.unique(of_window[path.of] * size + cell, return_inverse=True)
-        values = behind * (over - waits), behind * modelled, path.took, behind * path.took
-        parts.append((pair // size, pair % size, *(np.bincount(which, v) for v in values)))
-    code, cell, over, nominal, took, touched = (np.concatenate(column) for column in zip(*parts, strict=True))
-    if not touched.any():
+    passed: Iterable[Passed], lanes: Stretches, usual: Floats, known: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Return sums of the time lost beyond the :func:`usual_time`: (7,) over trips, and (4, C) by stretch of
+    lane. ``known`` (C,) is the share of the time there that is known to be lost: it is left out."""
+    size = len(lanes)
+    total, places = np.zeros(7), np.zeros((4, size))
+    longer = (usual[0] + OWN * float(usual[0].sum()) / max(float(usual[1].sum()), 1e-9)) / (usual[1] + OWN)
+    for path, _, of_window, waits, free in passed:
+        cell, behind = lanes.at(path.motion)[0].astype(np.int64), path.behind[path.of]
+        over = behind * (path.took - path.standing - free - waits - longer[cell] * free)
+        over -= 0.0 if known is None else known[cell] * path.took
+        trips, trip = np.unique(of_window[path.of], return_inverse=True)
+        pair, which = np.unique(trip * size + cell, return_inverse=True)
+        lost, at = np.bincount(which, over), pair % size  # A trip passes few stretches
+        places[:3] += [np.bincount(at, v, size) for v in (lost, lost**2, lost != 0.0)]
+        places[3] += np.bincount(cell, path.took, size)
+        own, took = np.bincount(trip, over), np.bincount(trip, path.took)
+        touched = float((behind * path.took).sum())
+        total += [len(trips), own.sum(), took.sum(), touched, own @ own, own @ took, took @ took]
+    return total, places
+
+
+def lost(total: Floats, places: Floats) -> Lost | None:
+    """Return the time lost by its sums; None where nobody was in the way."""
+    count, own, took, touched, square, both, size = total.tolist()
+    if not touched:
         return None
-    _, trip = np.unique(code, return_inverse=True)
-    # By how much undisturbed passages take longer than the model says, by stretch of lane.
-    usual = (more + OWN * float(more.sum()) / max(float(base.sum()), 1e-9)) / (base + OWN)
-    lost = over - usual[cell] * nominal - (0.0 if known is None else known[cell] * took)
-    total = float(took.sum())
-    share, disturbed = float(lost.sum()) / total, float(touched.sum()) / total
-    by_trip, of_trip = np.bincount(trip, lost), np.bincount(trip, took)
-    trips = max(len(by_trip), 2)
-    chance = float(np.sqrt(((by_trip - share * of_trip) ** 2).sum() * trips / (trips - 1))) / total
-    error = float(np.hypot(chance, MODEL * disturbed))
-    own = sparse.csc_array((lost, (trip, cell)), (trips, size))  # A trip passes few stretches
-    own.eliminate_zeros()
-    at = np.asarray(np.bincount(cell, took, size), dtype=np.float64)
+    share, trips = own / took, max(count, 2.0)
+    scatter = max(square - 2.0 * share * both + share**2 * size, 0.0)
+    error = float(np.hypot(np.sqrt(scatter * trips / (trips - 1.0)), MODEL * touched) / took)
     return Lost(
-        share, error, disturbed, own.sum(axis=0), np.sqrt(own.power(2).sum(axis=0)), at, np.diff(own.indptr),
-        float(stdtr(trips - 1, -share / max(error, 1e-12))),
+        share, error, touched / took, places[0], np.sqrt(places[1]), places[3], places[2].astype(np.intp),
+        float(stdtr(trips - 1.0, -share / max(error, 1e-12))),
     )  # fmt: skip

@@ -2,14 +2,16 @@
 time changes with each number, field and free curve."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Mask
+from fleetlog.discovery.channels import paths
 from fleetlog.discovery.channels.base import About, Channel, Columns, Unit
-from fleetlog.discovery.channels.paths import Laid, Lost, Path, laid_out, lost_time
+from fleetlog.discovery.channels.paths import Laid, Lost, Passed, Path
 from fleetlog.discovery.hypotheses import sources
 from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
 from fleetlog.discovery.hypotheses.sources import (
@@ -21,9 +23,10 @@ from fleetlog.discovery.hypotheses.sources import (
     Source,
 )
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.shelf import Shelf
-from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.recording.turns import Turns
+from fleetlog.discovery.recording.blocks import Block
+from fleetlog.discovery.recording.conflicts import Route, route
+from fleetlog.discovery.recording.splits import HELD_OUT
+from fleetlog.discovery.recording.turns import Pass, Turns, Way, crossings, measure
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.motion.legs import quickest
 from fleetlog.physics.power import Physics, all_terms
@@ -34,10 +37,12 @@ SCATTER = 0.5  # Of waits, as a share of their mean, by what counts as one passa
 GATHERS = 2.5  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
 ERRORS = (
     ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25),
-    ErrorSource("kinks", 0.5),
+    ErrorSource("kinks", 0.5), ErrorSource("limits", 0.5),
 )  # fmt: skip
-"""Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each]; and how
-far trucks follow the kinks of the map's line no positions show (0: they drive curves, 1: every kink)."""
+"""Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each].  How far
+trucks follow the kinks of the map's line no positions show (0: they drive curves, 1: every kink), nor where
+about a junction one limit gives way to the next (0: where the lines meet, 1: their mean holds all across)."""
+Told = tuple[list[tuple[Way, Pass]], Floats]
 STEP = 0.02  # Finite differences, as a share of a parameter's range
 
 
@@ -118,8 +123,8 @@ class TravelAbout(About):
         return total
 
     def _error(self, source: ErrorSource) -> Floats:
-        if source.name == "kinks":
-            return self._along_kinks()[:, None]
+        if source.name in ("kinks", "limits"):
+            return self._otherwise(source.name == "kinks")[:, None]
         step = np.diff(self.own.s, prepend=self.own.s[:1])
         pace = np.where(self.own.inside, self.seconds / np.maximum(step, 1e-9), 0.0)
         inside, last = self.own.inside, self.own.last
@@ -127,26 +132,28 @@ class TravelAbout(About):
         which = {"setting off": ~inside, "stopping": last, "slowing down": dip & ~last}[source.name]
         return self.own.summed(which.astype(float))[:, None]
 
-    def _along_kinks(self) -> Floats:
-        """(W,) seconds that following every kink of the map's line adds."""
-        if not self.own.kink.any():
+    def _otherwise(self, kinks: bool) -> Floats:
+        """(W,) seconds that following every kink of the map's line adds, or sharing limits at junctions."""
+        motion, limit = self.own.motion, self.own.across
+        if not (self.own.kink.any() if kinks else (limit != motion.speed).any()):
             return np.zeros(self.own.count)
-        bend = np.maximum(np.abs(self.own.motion.curvature), self.own.kink)
-        path = replace(self.own, motion=self.own.motion.replaced(curvature=bend))
-        return self.own.summed(drive_times(path, self.physics)[0] - self.seconds)
+        bend = np.maximum(np.abs(motion.curvature), self.own.kink)
+        other = motion.replaced(curvature=bend) if kinks else motion.replaced(speed=limit)
+        return self.own.summed(drive_times(replace(self.own, motion=other), self.physics)[0] - self.seconds)
 
 
 @dataclass
 class TravelChannel(Channel):
     """Travel times of a fleet on its map; see :class:`fleetlog.discovery.channels.base.Channel`."""
 
-    split: Split
     settings: Settings
+    turns: Turns = field(default_factory=lambda: Turns({}, 0.0), init=False)
+    scatter: Floats = field(init=False)  # (n,) of waits on each stretch of a lane [s2]
+    waited: Mask = field(init=False)  # (n,) on which trucks stood for no purpose: only there they waited
 
     def __post_init__(self) -> None:
         network = self.fleet.network
         assert network is not None
-        self.fleet = replace(self.fleet, interval={}) if self.fleet.interval else self.fleet
         self.roads, self.lanes = make_stretches(network), make_stretches(network, apart=True)
         self.metric = f"rms error of the time for {self.settings.stretch:.0f} m of path, over rms time"
         self.errors = list(ERRORS)
@@ -155,20 +162,49 @@ class TravelChannel(Channel):
         unseen = self.fleet.truck.drive.max_acceleration * self.fleet.step**2 / 16.0
         self.model_error = max(self.settings.profile_error, unseen / self.settings.stretch)
         self.place_error = GATHERS * self.model_error
+        self.bends = False  # Travel times are linear in the coordinates of their numbers
 
-    def units(self) -> Iterator[Unit]:
-        """Yield vehicle-days."""
-        if self._kept is None:
-            laid, turns = laid_out(self.fleet, self.split, self.lanes, self.settings.stretch)
-            scatter, waited = self._stands(laid)
-            units = (self._unit(one, turns, scatter, waited) for one in laid)
-            self._kept = Shelf(self.fleet.large, units)
-        yield from self._kept
+    def look(self, number: int, block: Block) -> tuple[int, Route | None]:
+        """Return the route of a vehicle-day."""
+        return number, route(block)
 
-    def _stands(self, laid: Iterable[Laid]) -> tuple[Floats, Mask]:
-        """How far waits scatter on each stretch of a lane, (n,), and on which trucks stood for no purpose:
-        only there they waited, and times scatter so. A truck with another in its way waits there as well: of
-        such passages only the standing counts."""
+    def close(self, date: int, looked: list[Any]) -> Told:
+        """Keep the paths of a date; return what trucks show of turns and of places where they wait."""
+        placed = [(k, r) for k, r in looked if r is not None]
+        turns, found = list[tuple[Way, Pass]](), list[Laid]()
+        group = [r for _, r in placed]
+        # So many windows of the sample's length tell how turns are driven.
+        share, length = (
+            self.settings.sample * self.settings.window / self.fleet.seconds,
+            self.settings.stretch,
+        )
+        ways = paths.laid_out(group, self.fleet, self.split, self.lanes, length, share) if group else ()
+        for (number, _), (laid, undisturbed) in zip(placed, ways, strict=True):
+            turns += crossings(undisturbed)
+            if laid is not None:
+                found.append(laid)
+                self.shelf.put(str(date), number, laid)
+        return turns, self._stands(found)
+
+    def learn(self, told: list[Any]) -> None:
+        """Learn how turns are driven, where trucks wait, and how waits scatter."""
+        self.turns = measure([one for turns, _ in told for one in turns], self.fleet.truck)
+        passages, stops, wait, off = np.sum([stands for _, stands in told], axis=0)
+        # What holds up one direction of a road often holds up the other.
+        self.waited = stops + np.where(self.lanes.opposite >= 0, stops[self.lanes.opposite], 0) >= FEW
+        passed, stood = (np.maximum(count, 1.0) for count in (passages, stops))
+        self.scatter = (off + (SCATTER * wait / stood) ** 2) / passed
+
+    def of(self, date: int) -> Iterator[Unit]:
+        """Yield the units of a date, made of its paths once turns and places to wait are known."""
+        for number in self.numbers(date):
+            if not isinstance(laid := self.shelf.get(str(date), number), Unit):
+                self.shelf.put(str(date), number, self._unit(laid))
+        yield from super().of(date)
+
+    def _stands(self, laid: list[Laid]) -> Floats:
+        """(4, n) by stretch of a lane: passages, stops, seconds of standing, and squares of how far waits
+        scatter. A truck with another in its way waits as well: of such passages only the standing counts."""
         n, found = len(self.lanes), [np.zeros((3, 0))]
         for path, windows, _, whole in laid:
             cell = self.lanes.at(path.motion)[0].astype(np.int64)
@@ -181,28 +217,26 @@ class TravelChannel(Channel):
         lane, time, wait = np.concatenate(found, axis=1)
         order = np.lexsort((time, lane))
         lane, wait = lane[order].astype(np.int64), wait[order]
-        passages, stops = (np.bincount(lane[k], minlength=n) for k in (wait >= 0.0, wait > 0.0))
-        passed, stood = (np.maximum(count, 1.0) for count in (passages, stops))
-        # What holds up one direction of a road often holds up the other.
-        waited = stops + np.where(self.lanes.opposite >= 0, stops[self.lanes.opposite], 0) >= FEW
         # Passages are compared with the one before: where trucks wait since noon, that is no scatter.
         next_one = np.diff(lane) == 0
         off = np.bincount(lane[1:][next_one], 0.5 * np.diff(wait)[next_one] ** 2, n)
-        return (off + (SCATTER * np.bincount(lane, wait, n) / stood) ** 2) / passed, waited
+        passages, stops = (np.bincount(lane[k], minlength=n) for k in (wait >= 0.0, wait > 0.0))
+        return np.stack([passages, stops, np.bincount(lane, wait, n), off])
 
-    def _unit(self, laid: Laid, turns: Turns, scatter: Floats, waited: Mask) -> Unit:
+    def _unit(self, laid: Laid) -> Unit:
         path, windows, recorded, whole = laid
         cell = self.lanes.at(path.motion)[0]
-        noise, waits = np.zeros(len(recorded)), waited[cell]
-        np.maximum.at(noise, path.of, np.where(waits, scatter[cell], 0.0))
-        driven = turns.along(path.s, path.motion.edge, path.motion.curvature, path.inside)
+        noise, waits = np.zeros(len(recorded)), self.waited[cell]
+        np.maximum.at(noise, path.of, np.where(waits, self.scatter[cell], 0.0))
+        driven = self.turns.along(path.s, path.motion.edge, path.motion.curvature, path.inside)
         share = np.where(waits, path.share, 0.0)
         apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
         path = replace(path, motion=path.motion.replaced(curvature=driven), share=share, apart=apart)
         nominal = self.about(path, self.base)
         level = path.summed(nominal.seconds + nominal.waits)
         recorded = np.where(apart, path.summed(path.standing), recorded)
-        return Unit(windows, recorded, whole | apart, noise, level, np.ones(len(recorded)), path)
+        swing, fold = np.ones(len(recorded)), self.split.fold(windows)
+        return Unit(windows, recorded, whole | apart, noise, level, swing, fold, path)
 
     def about(self, own: Path, model: Model) -> TravelAbout:
         """Return what a model says of a path, (W,) [s], and columns about it."""
@@ -244,13 +278,16 @@ class TravelChannel(Channel):
 
     def lost(self, model: Model) -> Lost | None:
         """Return what other vehicles cost beyond a model."""
-        term = next((t for t in all_terms().values() if t.acts == "traffic"), None)
-        known = None if term is None else self.base.fields.get(term.name)
-        passed = (
-            (u.own, u.whole & ~u.own.behind, u.windows.trip,
-             np.maximum(self._waits(u.own, model) - u.own.standing, 0.0)) for u in self.units()
-        )  # fmt: skip
-        return lost_time(passed, self.lanes, lambda path: self.about(path, model).seconds, known)
+        usual = np.sum(list(self.each(partial(_usual, self, model))), axis=0)
+        parts = list(self.each(partial(_lost, self, model, usual)))
+        return paths.lost(*(np.sum(list(p), axis=0) for p in zip(*parts, strict=True)))
+
+    def passed(self, units: Iterable[Unit], model: Model) -> Iterator[Passed]:
+        """Yield what the time lost is told from."""
+        for u in units:
+            about = self.about(u.own, model)
+            waits = np.maximum(about.waits - u.own.standing, 0.0)
+            yield u.own, u.whole & ~u.own.behind, u.windows.trip, waits, about.seconds
 
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load and modelled time of every window: what makes two passes alike."""
@@ -263,3 +300,15 @@ class TravelChannel(Channel):
             m.payload[middle] / 500.0,
             time / max(float(np.sqrt(np.mean(time**2))), 1e-9) * 4.0, w.vehicle * 3.0,
         ])  # fmt: skip
+
+
+def _usual(channel: TravelChannel, model: Model, units: Iterable[Unit]) -> Floats:
+    return paths.usual_time(channel.passed(units, model), channel.lanes)
+
+
+def _lost(
+    channel: TravelChannel, model: Model, usual: Floats, units: Iterable[Unit]
+) -> tuple[Floats, Floats]:
+    term = next((t for t in all_terms().values() if t.acts == "traffic"), None)
+    known = None if term is None else channel.base.fields.get(term.name)
+    return paths.lost_time(channel.passed(units, model), channel.lanes, usual, known)

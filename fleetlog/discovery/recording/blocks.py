@@ -5,9 +5,9 @@ averages out, accelerations telescope, and windows are nearly independent."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,13 +18,13 @@ from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
+from fleetlog.discovery.recording.day import DAY
 from fleetlog.physics.motion import Reconstruction, reconstruct
 
-DAY = 86_400_000_000  # Microseconds
 TRIP = 1_000_000  # Trip codes count on from this much of each vehicle
 ROUNDED = 1e-3  # Seconds between samples that are no silence: steps are kept in single precision
 EXACT = ("time", "x", "y")  # What of a motion is kept in double precision: it may be far from its origin
-WHOLE = ("vehicle", "day", "recipe", "fresh")  # What of a block is no array
+WHOLE = ("vehicle", "day", "known")  # What of a block is no array
 
 
 def picked(table: Any, index: Any, *but: str) -> dict[str, Any]:
@@ -48,8 +48,7 @@ class Block:
     time, seconds, power, soc : (rows,) stamp [s since the epoch], time it stands for [s], the recorded
     channels [W, 1].
     trip : (rows,) codes, unique over vehicles;  vehicle, day : codes.
-    recipe : makes the reconstruction, which takes four times the memory of all else;  fresh : that, until the
-    block is put away."""
+    known : how well the motion is known, four times the memory of all else; None once it is put away."""
 
     motion: Motion
     row: Index
@@ -61,23 +60,17 @@ class Block:
     trip: Ints
     vehicle: int
     day: int
-    recipe: Callable[[], Reconstruction]
-    fresh: Reconstruction | None
+    known: Reconstruction | None
 
     def __len__(self) -> int:
         return len(self.time)
-
-    @property
-    def known(self) -> Reconstruction:
-        """How well the motion is known; made anew where the block was put away."""
-        return self.fresh or self.recipe()
 
     def part(self, rows: Mask, samples: Mask) -> Block:
         """Return some rows, and their samples."""
         number = (np.cumsum(rows) - 1).astype(np.int32)
         motion, row = narrow(self.motion[samples]), number[self.row[samples]]
         own = picked(self, rows, "motion", "row", "likely", *WHOLE)
-        return replace(self, motion=motion, row=row, likely=self.likely[samples], fresh=None, **own)
+        return replace(self, motion=motion, row=row, likely=self.likely[samples], known=None, **own)
 
     def rows(self, values: Floats) -> Floats:
         """Return the mean of (n,) values over the samples of each row, (rows,)."""
@@ -115,28 +108,28 @@ def joined(parts: list[Block]) -> Block:
 
 def block(
     trajectory: Trajectory, vehicle: int, network: Network | None, truck: Truck, *, lag: float = 0.0,
-    scale: float = 1.0, load_lags: bool = False, mean_of: float = 0.0,
+    scale: float = 1.0, load_lags: bool = False,
 ) -> Block:  # fmt: skip
-    """Return one vehicle-day, its sensors put right by ``lag`` [s] and ``scale``. Rows whose power is the
-    mean of the last ``mean_of`` seconds are taken together so that they say it once."""
-    recipe = partial(reconstruct, trajectory, network, truck, lag, scale, load_lags=load_lags)
-    r = recipe()
+    """Return one vehicle-day, its sensors put right by ``lag`` [s] and ``scale``."""
+    r = reconstruct(trajectory, network, truck, lag, scale, load_lags=load_lags)
     time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
     power = np.zeros(len(time))
     power[r.row] = r.motion.power
     code = np.full(len(r.motion), vehicle)
     motion = narrow(r.motion.replaced(time=r.motion.time + time[0], vehicle=code))
-    made = Block(
+    return Block(
         motion, r.row.astype(np.int32), r.likeliest.acceleration.astype(np.float32), time, r.dt_row, power,
         trajectory.floats("soc"), trajectory.trip_ids() + TRIP * vehicle, vehicle,
-        int(trajectory.time[0] // DAY), partial(recipe, noise=r.noise), r,
+        int(trajectory.time[0] // DAY), r,
     )  # fmt: skip
-    count = round(mean_of / float(np.median(np.diff(time)))) if mean_of > 0.0 else 1
-    return _merged(made, count) if count > 1 else made
 
 
-def _merged(block: Block, count: int) -> Block:
-    """Take ``count`` rows together; of fewer, before a trip or a silence ends, the power is not known."""
+def merged(block: Block, mean_of: float) -> Block:
+    """Take rows whose power is the mean of the last ``mean_of`` seconds together so that they say it once;
+    of fewer, before a trip or a silence ends, the power is not known."""
+    count = round(mean_of / float(np.median(np.diff(block.time)))) if mean_of > 0.0 else 1
+    if count <= 1:
+        return block
     begin = np.append(True, np.diff(block.trip) != 0) | (block.silence > 0.0)
     since = np.arange(len(block)) - np.maximum.accumulate(np.where(begin, np.arange(len(block)), 0))
     begin |= since % count == 0

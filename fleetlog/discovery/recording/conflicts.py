@@ -16,7 +16,6 @@ from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import join
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.recording.blocks import Block, narrow
-from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.physics.motion.legs import Leg, legs
 
 WIDTH, ABREAST = 2.0, 1.2
@@ -90,14 +89,11 @@ class Route:
         return np.arctan2(y[ahead] - y[behind], x[ahead] - x[behind])
 
 
-def routes(fleet: Fleet, date: int) -> list[Route]:
-    """Return the routes of all vehicles on a day, counted from 1970."""
-    return [r for r in (_route(b) for b in fleet.each_block(date)) if r is not None]
-
-
-def _route(block: Block) -> Route | None:
+def route(block: Block) -> Route | None:
+    """Return the route of a vehicle-day; None where it has no legs, or none on a road."""
+    assert block.known is not None
     found = list(legs(block.known))
-    if not found:
+    if all((leg.path.edge < 0).all() for leg in found):
         return None
     # Views of one motion take less room than motions.
     ends = np.cumsum([0, *(len(leg.distance) for leg in found)])

@@ -2,24 +2,26 @@
 
 import itertools
 import tomllib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats
+from fleetlog import engines
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
-from fleetlog.discovery.recording.blocks import DAY, TRIP, Block, block
-from fleetlog.discovery.recording.shelf import Shelf
+from fleetlog.discovery.recording.blocks import TRIP, Block, block
+from fleetlog.discovery.recording.day import Day, day_of
 from fleetlog.discovery.recording.splits import trips_apart
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels
-from fleetlog.physics.motion.rows import updates
 from fleetlog.store import Dataset
 
 COLUMNS = (
@@ -27,10 +29,12 @@ COLUMNS = (
     "battery_power", "soc", "ambient_temperature", "lateral_offset",
 )  # fmt: skip
 
-SELDOM, SEVERAL = 5.0, 2.5
-"""Seconds and rows between updates of positions from which on these are too few to hold a speed against."""
-LARGE = 500_000  # Rows whose motion is kept in memory, 600 bytes each, and given to other processes
 FEWEST_ROWS = 8  # A shorter vehicle-day says nothing
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # Multiples of it lie far apart in one, however many there are
+EVENLY = 100_000  # Rows in all that stand for the others, at least
+ROW_COST = 1e-5  # What a look at all rows takes, at least [s each]
+J = TypeVar("J")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Fleet:
     ``scale`` (by vehicle) put the clock of the power channel and the scale of the speed channel right;
     ``interval`` (by vehicle) is that over which the logger took the mean of power [s]."""
 
-    days: list[tuple[int, Trajectory]]
+    days: list[Day]
     vehicles: tuple[str, ...]
     network: Network | None
     truck: Truck
@@ -56,54 +60,40 @@ class Fleet:
 
     def has(self, column: str) -> bool:
         """Whether any vehicle-day knows the column."""
-        return any(t.has(column) for _, t in self.days)
+        return any(column in d.known for d in self.days)
 
-    _kept: dict[int, int] = field(default_factory=dict, init=False, repr=False)
-    """Where the motion of a vehicle-day is on the shelf, by its number."""
+    def each(self, work: Callable[[int], R]) -> Iterator[R]:
+        """Yield what a function makes of every date, in their order, on the engine in use."""
+        yield from _each(work, self.dates, self.rows, lambda date: f"date={np.datetime64(date, 'D')}")
 
-    @property
-    def large(self) -> bool:
-        """Whether what is made of its rows has no room in memory."""
-        return self.rows > LARGE
+    def on(self, date: int) -> Iterator[tuple[int, Day]]:
+        """Yield the vehicle-days of a date with their numbers."""
+        return ((k, d) for k, d in enumerate(self.days) if d.date == date)
 
-    def each_block(self, date: int | None = None) -> Iterator[Block]:
-        """Yield all vehicle-days, or those of a ``date`` (days since 1970), as finely stepped motion."""
-        for k, (vehicle, trajectory) in enumerate(self.days):
-            if date is not None and trajectory.time[0] // DAY != date:
-                continue
-            if k in self._kept:
-                yield self._shelf[self._kept[k]]
-                continue
-            found = self.block(vehicle, trajectory)
-            self._kept[k] = len(self._shelf)
-            self._shelf.add(replace(found, fresh=None))  # It can be made anew.
-            yield found
+    def some(self, most: int) -> frozenset[int]:
+        """Return the numbers of so many days of every vehicle at most, far apart."""
+        own = [[k for k, d in enumerate(self.days) if d.vehicle == v] for v in range(len(self.vehicles))]
+        return frozenset(k for days in own for k in np.array(days)[far_apart(len(days))[:most]].tolist())
 
-    @cached_property
-    def _shelf(self) -> Shelf[Block]:
-        return Shelf(self.large)
+    def each_block(self, date: int) -> Iterator[tuple[int, Block]]:
+        """Yield the vehicle-days of a date as finely stepped motion, with their numbers."""
+        return ((k, self.block(d.vehicle, d.load())) for k, d in self.on(date))
 
     def block(self, vehicle: int, trajectory: Trajectory) -> Block:
         """Return one vehicle-day."""
         lag, scale = self.lag.get(vehicle, 0.0), self.scale.get(vehicle, 1.0)
-        return block(
-            trajectory, vehicle, self.network, self.truck, lag=lag, scale=scale,
-            load_lags=self.load_with_power, mean_of=self.interval.get(vehicle, 0.0),
-        )  # fmt: skip
+        load_lags = self.load_with_power
+        return block(trajectory, vehicle, self.network, self.truck, lag=lag, scale=scale, load_lags=load_lags)
 
     @cached_property
     def dates(self) -> tuple[int, ...]:
         """Days since 1970 that have rows."""
-        return tuple(sorted({int(t.time[0] // DAY) for _, t in self.days}))
+        return tuple(sorted({d.date for d in self.days}))
 
     @cached_property
     def begins(self) -> dict[tuple[int, int], float]:
         """Time of the first row of each vehicle and day [s since 1970]."""
-        out: dict[tuple[int, int], float] = {}
-        for vehicle, t in self.days:
-            key = (vehicle, int(t.time[0] // DAY))
-            out[key] = min(out.get(key, np.inf), float(t.time[0]) * 1e-6)
-        return out
+        return {(d.vehicle, d.date): d.begin for d in reversed(self.days)}
 
     @cached_property
     def own_trips(self) -> tuple[int, ...]:
@@ -127,60 +117,75 @@ class Fleet:
 
     @cached_property
     def _times(self) -> Floats:
-        """Times of some 5,000 rows a vehicle-day [s since 1970]."""
-        return np.concatenate([t.time[:: max(1, len(t) // 5000)] for _, t in self.days]) * 1e-6
+        """Times of the rows that stand for all [s since 1970]."""
+        return np.concatenate([d.few.time for d in self.days]) * 1e-6
 
     @cached_property
     def trips(self) -> int:
         """Number of trips."""
-        return sum(len(np.unique(t.trip_ids())) for _, t in self.days)
+        return sum(len(d.trips) for d in self.days)
 
     @cached_property
     def seconds(self) -> float:
         """Recorded time in all [s]."""
-        return sum(float(t.time[-1] - t.time[0]) * 1e-6 for _, t in self.days)
+        return sum(d.end - d.begin for d in self.days)
 
     @cached_property
     def rows(self) -> int:
         """Rows in all."""
-        return sum(len(t) for _, t in self.days)
+        return sum(d.rows for d in self.days)
 
     @cached_property
     def step(self) -> float:
         """Median time between rows [s]."""
-        return float(np.median([np.median(np.diff(t.time)) for _, t in self.days if len(t) > 2])) * 1e-6
+        return float(np.median([d.step for d in self.days]))
 
 
 def read_fleet(data: Dataset, truck: Truck, site: Site | None = None, without: Sequence[str] = ()) -> Fleet:
-    """Return the columns that matter here, but for some, vehicle-day by vehicle-day."""
+    """Return the vehicle-days of a dataset, of which the columns that matter here are read, but for some."""
     columns = [c for c in COLUMNS if c not in without]
     network = (site or data.site).network
-    days, vehicles = [], tuple(data.vehicles)
-    for (v, vehicle), date in itertools.product(enumerate(vehicles), data.dates):
-        trajectory = data.read(vehicle, date, columns)
-        if len(trajectory) >= FEWEST_ROWS and (trajectory.has("speed") or trajectory.has("x")):
-            days.append((v, measured_channels(trajectory, data.meta)))
+    vehicles, every = tuple(data.vehicles), 1 << max(0, (data.rows // EVENLY).bit_length() - 1)
+    asked = list(itertools.product(range(len(vehicles)), data.dates))
+    work = partial(_day, data, columns, vehicles, every)
+    found = _each(work, asked, data.rows, lambda day: data.folder_of(vehicles[day[0]], day[1]))
+    days = [d for d in found if d is not None]
     if not days:
         raise DataError("no vehicle has rows with a speed", do="import logs that carry speed or positions")
-    weighed = {v for v, t in days if t.has("payload")}
-    left_out = tuple(vehicles[v] for v in sorted({v for v, _ in days} - weighed)) if weighed else ()
-    days = [(v, t) for v, t in days if not weighed or v in weighed]
-    rarely: frozenset[int] = frozenset()
-    if network is None:
-        rarely = frozenset(v for v, t in days if t.has("x") and t.has("speed") and seldom(t))
-    no_channel = frozenset(v for v, t in days if not t.has("speed"))
+    weighed = {d.vehicle for d in days if "payload" in d.known}
+    left_out = tuple(vehicles[v] for v in sorted({d.vehicle for d in days} - weighed)) if weighed else ()
+    days = [d for d in days if not weighed or d.vehicle in weighed]
+    rarely = frozenset(d.vehicle for d in days if network is None and d.seldom)
+    no_channel = frozenset(d.vehicle for d in days if "speed" not in d.known)
     return Fleet(
         days, vehicles, network, truck, {}, {}, left_out=left_out, speed_from_positions=no_channel,
         rarely_placed=rarely,
     )  # fmt: skip
 
 
-def seldom(t: Trajectory) -> bool:
-    """Return whether positions come far more rarely than rows, and rarely."""
-    speed, time = t.floats("speed"), t.seconds()
-    rows = np.flatnonzero(updates(time, t.floats("x"), t.floats("y"), speed) & (np.nan_to_num(speed) > 0.0))
-    few = len(rows) < 2 or float(np.median(np.diff(time[rows]))) <= SELDOM
-    return not few and float(np.median(np.diff(rows))) > SEVERAL
+def far_apart(count: int) -> Ints:
+    """Return the numbers up to a count in an order in which the first few lie far apart."""
+    return np.argsort(np.arange(count) * GOLDEN % 1.0)
+
+
+def _each(work: Callable[[J], R], jobs: Sequence[J], rows: int, name: engines.Name[J]) -> Iterator[R]:
+    engine = engines.current() if engines.current().pays(ROW_COST * rows) else engines.Engine()
+    with closing(engine.run(work, jobs, name)) as made:
+        yield from made
+
+
+def _rows(data: Dataset, vehicle: str, date: str, columns: Sequence[str]) -> Trajectory:
+    return measured_channels(data.here().read(vehicle, date, columns), data.meta)
+
+
+def _day(
+    data: Dataset, columns: Sequence[str], vehicles: tuple[str, ...], every: int, which: tuple[int, str]
+) -> Day | None:
+    """What is kept of a vehicle-day; None of one that says nothing."""
+    load = partial(_rows, data, vehicles[which[0]], which[1], columns)
+    rows = load()
+    told = len(rows) >= FEWEST_ROWS and (rows.has("speed") or rows.has("x"))
+    return day_of(which[0], rows, load, every) if told else None
 
 
 NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))
@@ -195,12 +200,12 @@ def absences(fleet: Fleet, once: bool = False) -> list[str]:
         out.append(NOTES["apart" if fleet.own_trips else "once"])
     if fleet.left_out:
         out.append(f"left out, since their logs carry no payload: {', '.join(fleet.left_out)}")
-    powered, charged = ({v for v, t in fleet.days if t.has(c)} for c in ("battery_power", "soc"))
+    powered, charged = ({d.vehicle for d in fleet.days if c in d.known} for c in ("battery_power", "soc"))
     if powered and (mute := sorted(charged - powered)):
         names = ", ".join(fleet.vehicles[v] for v in mute)
         out.append(f"state of charge not judged, since their logs carry no battery power: {names}")
     if fleet.rarely_placed:
         out.append(NOTES["rarely"])
-    if len({v for v, _ in fleet.days}) == 1:
+    if len({d.vehicle for d in fleet.days}) == 1:
         out.append(NOTES["alone"])
     return out

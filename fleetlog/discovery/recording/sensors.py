@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -32,6 +33,7 @@ MISMATCHED = 0.25  # A ratio of speed to progress that is off by this is a wrong
 MANY = 2000  # Rows that show well enough which shift to look at closely
 INTERVALS = np.linspace(0.85, 1.15, 13)
 """Intervals of a mean that are tried, over twice the shift that fits best; and shifts, over that."""
+LOOKED_AT = 4  # Days of a vehicle whose clock is looked at: 24 pieces tell how late it is
 PIECE = 200  # Rows of a piece whose clock is looked at by itself
 
 
@@ -94,8 +96,8 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, F
     if not fleet.has("battery_power"):
         return None
     looks: dict[int, list[_Look]] = {}
-    for block in fleet.each_block():
-        looks.setdefault(block.vehicle, []).extend(_looks(block, fleet, split))
+    for vehicle, look in itertools.chain.from_iterable(fleet.each(partial(_looked, fleet, split))):
+        looks.setdefault(vehicle, []).append(look)
     finest = 0.06 * fleet.step
     shifts = {v: [k.value for k in ks] for v, ks in looks.items() if len(ks) >= 2}
     middle = {v: (float(np.median(s)), max(_spread(s), finest)) for v, s in shifts.items()}
@@ -150,6 +152,12 @@ def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> O
 def _spread(values: list[float]) -> float:
     a = np.array(values)
     return float(1.4826 * np.median(np.abs(a - np.median(a))) / np.sqrt(len(a)) + 0.02)
+
+
+def _looked(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Look]]:
+    days = [d for k, d in fleet.on(date) if k in fleet.some(LOOKED_AT)]
+    blocks = (fleet.block(d.vehicle, d.load()) for d in days)
+    return [(b.vehicle, look) for b in blocks for look in _looks(b, fleet, split)]
 
 
 def _looks(block: Block, fleet: Fleet, split: Split) -> Iterator[_Look]:
@@ -208,35 +216,46 @@ def _load_runs_with_power(fleet: Fleet) -> bool:
     """Whether fork height and payload were logged by the late clock: the better fit at standstill decides."""
     if not fleet.has("fork_height"):
         return False
-    missed = []
-    for together in (False, True):
-        total = 0.0
-        for block in replace(fleet, load_with_power=together).each_block():
-            still = block.rows(block.motion.speed) <= 0.0
-            off = np.nan_to_num(block.power - block.rows(battery_power(block.motion, Physics(fleet.truck))))
-            total += float((off[still] ** 2).sum())
-        missed.append(total)
+    missed = [sum(fleet.each(partial(_missed, fleet, t))) for t in (False, True)]
     return missed[1] < missed[0]
+
+
+def _missed(fleet: Fleet, together: bool, date: int) -> float:
+    """What the model misses of the power at standstills."""
+    total = 0.0
+    for _, block in replace(fleet, load_with_power=together).each_block(date):
+        still = block.rows(block.motion.speed) <= 0.0
+        off = np.nan_to_num(block.power - block.rows(battery_power(block.motion, Physics(fleet.truck))))
+        total += float((off[still] ** 2).sum())
+    return total
 
 
 def _speed_scale(fleet: Fleet, split: Split, term: Term) -> Fault | None:
     """What the speed channel reads over the true speed; None where no vehicle's is off."""
     pairs: dict[int, list[tuple[float, float]]] = {}
-    for vehicle, trajectory in fleet.days:
-        if vehicle in fleet.speed_from_positions | fleet.rarely_placed or not trajectory.has("x"):
-            continue
-        day = int(trajectory.time[0] // 86_400_000_000)
-        time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
-        fold = split.rows(trajectory.trip_ids() + TRIP * vehicle, time, vehicle, day)
-        on_map = fleet.network is not None and trajectory.has("edge_id")
-        looked = _edge_pairs(trajectory, fleet) if on_map else _chord_pairs(trajectory)
-        pairs.setdefault(vehicle, []).extend((d, g) for row, d, g in looked if fold[row] != HELD_OUT)
+    for vehicle, pair in itertools.chain.from_iterable(fleet.each(partial(_pairs, fleet, split))):
+        pairs.setdefault(vehicle, []).append(pair)
     found = {v: _ratio(np.array(p)) for v, p in pairs.items() if len(p) >= 20}
     # Between rows seconds apart trucks cut the bends of the map, which then looks like a low speed.
     off = _off(found, 1.0, 1.5 * term.parameters[0].tolerance * max(1.0, 0.5 * fleet.step))
     if off is None:
         return None
     return Fault(term.name, "speed", "deviation of travelled distance", off, abs(off.value - 1.0), off.error)
+
+
+def _pairs(fleet: Fleet, split: Split, date: int) -> list[tuple[int, tuple[float, float]]]:
+    """Vehicles with ways by their speed and by their places, of a date."""
+    out = []
+    for _, day in fleet.on(date):
+        if day.vehicle in fleet.speed_from_positions | fleet.rarely_placed or "x" not in day.known:
+            continue
+        t = day.load()
+        time = np.asarray(t.time * 1e-6, dtype=np.float64)
+        fold = split.rows(t.trip_ids() + TRIP * day.vehicle, time, day.vehicle, date)
+        on_map = fleet.network is not None and "edge_id" in day.known
+        looked = _edge_pairs(t, fleet) if on_map else _chord_pairs(t)
+        out += [(day.vehicle, (d, g)) for row, d, g in looked if fold[row] != HELD_OUT]
+    return out
 
 
 def _ratio(pairs: Floats) -> tuple[float, float]:

@@ -1,96 +1,94 @@
-"""What is looked at again and again, one piece after the other: in memory while the recording is small, else
-in a scratch file, so that memory does not grow with the days."""
+"""What is looked at again and again, one piece after the other, lies in scratch files: memory does not grow
+with the days, and all processes of a machine share what one of them has made."""
 
 import io
 import mmap
+import os
 import pickle
-from collections.abc import Callable, Iterable, Iterator
+import shutil
+import threading
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
 from fleetlog import scratch
-from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory
 
-T = TypeVar("T")
-SHARED = (Network, Trajectory)  # What pieces refer to, and is in memory anyway
 ALIGNED = 64  # Bytes: arrays begin at multiples of it, as in memory
+HEAD = 8  # Bytes that say how long what comes before the arrays is
+_elsewhere: dict[Path, Path] = {}  # The folder here of one on another machine
 
 
-class Shelf(Generic[T]):
-    """Pieces in the order in which they were added; ``on_disk`` each is read anew when its turn comes, and of
-    its arrays only what is looked at: they lie in the file as they would in memory."""
+class Shelf:
+    """Pieces by group and number; of a piece's arrays only what is looked at is read: they lie in its file as
+    they would in memory."""
 
-    def __init__(self, on_disk: bool, pieces: Iterable[T] = ()) -> None:
-        self._pieces: list[T] = []
-        self._file: Path | None = scratch.folder() / "pieces" if on_disk else None
-        self._written, self._known = list[tuple[bytes, int, list[slice]]](), dict[int, Any]()
-        for piece in pieces:
-            self.add(piece)
+    def __init__(self) -> None:
+        self._folder, self._owner = scratch.folder(), os.getpid()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_folder": self._folder, "_owner": 0}
 
     def __del__(self) -> None:
-        if self._file is not None:
-            self._file.unlink(missing_ok=True)
+        if self._owner == os.getpid():
+            shutil.rmtree(self._folder, ignore_errors=True)
 
-    def __len__(self) -> int:
-        return len(self._pieces) if self._file is None else len(self._written)
+    @property
+    def folder(self) -> Path:
+        """Where the pieces are; on another machine a folder of its own process."""
+        if not self._folder.is_dir() and self._folder not in _elsewhere:
+            _elsewhere[self._folder] = scratch.folder()
+        return _elsewhere.get(self._folder, self._folder)
 
-    def add(self, piece: T) -> None:
-        """Put a piece after the others."""
-        if self._file is None:
-            self._pieces.append(piece)
-            return
-        arrays, places, rest = list[pickle.PickleBuffer](), list[slice](), io.BytesIO()
-        _Writer(rest, self._known, arrays.append).dump(piece)
-        with self._file.open("ab") as file:
-            begin = file.tell()
+    def has(self, group: str) -> bool:
+        """Return whether a group is whole."""
+        return (self.folder / group / "whole").exists()
+
+    def put(self, group: str, number: int, piece: Any) -> None:
+        """Put a piece into a group; in a file that appears whole."""
+        arrays, rest = list[pickle.PickleBuffer](), io.BytesIO()
+        _Writer(rest, pickle.HIGHEST_PROTOCOL, buffer_callback=arrays.append).dump(piece)
+        file = self.folder / group / f"{number:09d}"
+        new = file.with_name(f"{file.name}.{os.getpid()}.{threading.get_ident()}")
+        file.parent.mkdir(exist_ok=True)
+        with new.open("wb") as stream:
+            sizes = [memoryview(a).nbytes for a in arrays]
+            head = pickle.dumps((rest.getvalue(), sizes))
+            stream.write(len(head).to_bytes(HEAD, "little") + head)
             for array in arrays:
-                places.append(slice(start := file.tell() - begin, start + file.write(array.raw())))
-                file.write(bytes(-file.tell() % ALIGNED))
-            file.write(bytes(-file.tell() % mmap.ALLOCATIONGRANULARITY))
-        self._written.append((rest.getvalue(), begin, places))
+                stream.write(bytes(-stream.tell() % ALIGNED))
+                stream.write(array.raw())
+        new.replace(file)
 
-    def __getitem__(self, k: int) -> T:
-        if self._file is None:
-            return self._pieces[k]
-        rest, begin, places = self._written[k]
-        held = memoryview(b"")
-        if places and (length := places[-1].stop):
-            with self._file.open("rb") as file:
-                held = memoryview(mmap.mmap(file.fileno(), length, access=mmap.ACCESS_COPY, offset=begin))
-        piece: T = _Reader(rest, self._known, [held[at] for at in places]).load()
-        return piece
+    def end(self, group: str) -> None:
+        """Say that a group is whole."""
+        (self.folder / group).mkdir(exist_ok=True)
+        (self.folder / group / "whole").touch()
 
-    def __iter__(self) -> Iterator[T]:
-        return map(self.__getitem__, range(len(self)))
+    def numbers(self, group: str) -> list[int]:
+        """Return the numbers of the pieces of a group, in order."""
+        return sorted(int(f.name) for f in (self.folder / group).iterdir() if f.name.isdecimal())
+
+    def get(self, group: str, number: int) -> Any:
+        """Return a piece."""
+        with (self.folder / group / f"{number:09d}").open("rb") as stream:
+            held = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_COPY))
+        end = HEAD + int.from_bytes(held[:HEAD], "little")
+        rest, sizes = pickle.loads(held[HEAD:end])
+        return pickle.loads(rest, buffers=_parts(held, end, sizes))
+
+
+def _parts(held: memoryview, end: int, sizes: Iterable[int]) -> Iterable[memoryview]:
+    for size in sizes:
+        begin = end + -end % ALIGNED
+        end = begin + size
+        yield held[begin:end]
 
 
 class _Writer(pickle.Pickler):
-    def __init__(self, file: Any, known: dict[int, Any], apart: Callable[[pickle.PickleBuffer], Any]) -> None:
-        super().__init__(file, pickle.HIGHEST_PROTOCOL, buffer_callback=apart)
-        self.known = known
-
-    def persistent_id(self, obj: Any) -> int | None:
-        """Return the number of what is in memory anyway."""
-        if not isinstance(obj, SHARED):
-            return None
-        self.known[id(obj)] = obj
-        return id(obj)
-
     def reducer_override(self, obj: Any) -> Any:
         """Keep an array that is one value repeated as one value."""
         if isinstance(obj, np.ndarray) and obj.strides == (0,) and len(obj):
             return np.broadcast_to, (obj[:1].copy(), obj.shape)
         return NotImplemented
-
-
-class _Reader(pickle.Unpickler):
-    def __init__(self, rest: bytes, known: dict[int, Any], arrays: list[memoryview]) -> None:
-        super().__init__(io.BytesIO(rest), buffers=arrays)
-        self.known = known
-
-    def persistent_load(self, pid: int) -> Any:
-        """Return it again."""
-        return self.known[pid]

@@ -12,10 +12,9 @@ from typing import Literal
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.recording.blocks import Windows
+from fleetlog.discovery.recording.day import Day
 
-Days = Sequence[tuple[int, Trajectory]]
 Kind = Literal["trips", "stretches", "vehicles", "days"]
 
 HELD_OUT = -1  # Fold number of what nothing but the final scores reads
@@ -52,9 +51,10 @@ class Split:
             return np.zeros(0, np.int64)
         return self._folds(self.unit(w), int(w.vehicle[0]), int(w.day[0]))
 
-    def rows(self, trip: Ints, time: Floats, vehicle: int, day: int) -> Ints:
-        """Return the same for the rows of a vehicle-day."""
-        return self._folds(self._units(trip, time, np.full(len(trip), vehicle)), vehicle, day)
+    def rows(self, trip: Ints, time: Floats, vehicle: int, day: int, share: float = 1.0) -> Ints:
+        """Return the same for the rows of a vehicle-day; ``HELD_OUT`` beside an even sample of them, too."""
+        unit = self._units(trip, time, np.full(len(trip), vehicle))
+        return np.where(_mixed(unit) % 1000 < 1000.0 * share, self._folds(unit, vehicle, day), HELD_OUT)
 
     def _units(self, trip: Ints, time: Floats, vehicle: Ints) -> Ints:
         if self.kind == "trips":
@@ -71,8 +71,8 @@ class Split:
         return np.where(test[which], HELD_OUT, out)
 
     def drawn(self, w: Windows, share: float) -> Mask:
-        """Return which windows belong to an even sample of what is not held out, (W,)."""
-        return np.asarray((_mixed(self.unit(w)) % 1000 < 1000.0 * share) & (self.fold(w) != HELD_OUT))
+        """Return which windows belong to an even sample, (W,)."""
+        return np.asarray(_mixed(self.unit(w)) % 1000 < 1000.0 * share)
 
     def _dealt(self, codes: Ints, count: int, salt: int) -> Ints:
         """Return the share of each code: of ``count`` in a row each has another: neighbours remain."""
@@ -116,9 +116,9 @@ def make_split(
     return Split(kind, length, slow, folds, held_out, seed, once=once)
 
 
-def passed_once(days: Days, window: float) -> bool:
+def passed_once(days: Sequence[Day], window: float) -> bool:
     """Return whether most places are passed once only; ``window`` [s]."""
-    parts = [_moving(v, t) for v, t in days if t.has("x") and t.has("speed")]
+    parts = [_moving(d) for d in days if {"x", "speed"} <= d.known]
     x, y, time, speed, vehicle = np.concatenate([*parts, np.zeros((5, 0))], axis=1)
     if len(x) == 0:
         return False
@@ -130,18 +130,19 @@ def passed_once(days: Days, window: float) -> bool:
     return bool(np.isin(place, place[1:][again]).mean() < 0.5)
 
 
-def _moving(vehicle: int, t: Trajectory) -> Floats:
-    """(5, n) place, time, speed and vehicle of the rows in motion whose place is known."""
+def _moving(day: Day) -> Floats:
+    """(5, n) place, time, speed and vehicle of rows in motion whose place is known."""
+    t = day.few
     table = np.stack([
-        t.floats("x"), t.floats("y"), t.time * 1e-6, t.floats("speed"), np.full(len(t), float(vehicle)),
+        t.floats("x"), t.floats("y"), t.time * 1e-6, t.floats("speed"), np.full(len(t), float(day.vehicle)),
     ])  # fmt: skip
     return np.asarray(table[:, np.isfinite(table).all(axis=0) & (table[3] > 0.0)])
 
 
-def trips_apart(days: Days) -> tuple[tuple[int, int], ...]:
+def trips_apart(days: Sequence[Day]) -> tuple[tuple[int, int], ...]:
     """Return (vehicle, trip) of trips with own floors: few, long, and nothing says where they went."""
-    if any(t.has("x") or t.has("edge_id") for _, t in days):
+    if any({"x", "edge_id"} & d.known for d in days):
         return ()
-    trips = tuple(sorted({(v, int(k)) for v, t in days for k in np.unique(t.trip_ids())}))
-    seconds = sum(float(np.diff(t.time)[np.diff(t.trip_ids()) == 0].sum()) * 1e-6 for _, t in days)
+    trips = tuple(sorted({(d.vehicle, int(k)) for d in days for k in d.trips}))
+    seconds = sum(d.driven for d in days)
     return trips if FEW <= len(trips) <= MANY and seconds > LONG * len(trips) else ()

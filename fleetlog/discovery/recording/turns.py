@@ -1,9 +1,10 @@
 """How each way over a junction is driven: maps hold neither lanes nor curves, so turns are measured on the
 trucks themselves.
 
-Undisturbed passages tell the speed, positions where the bend lies.  Only how one way over a junction differs
-from another is taken from there; what all have in common stays the model's to explain.  Where the corners of
-the map, rounded with the radius of the truck, explain the speeds seen better, they are kept as they are."""
+Undisturbed passages tell the speed, positions where the bend lies.  Before it, or where the way goes straight
+on, drivers slow down most where they see whether they must give way.  Only how one way over a junction
+differs from another is taken from there; what all have in common stays the model's to explain.  Where the
+corners of the map, rounded with the radius of the truck, explain the speeds seen better, they are kept."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -16,16 +17,21 @@ from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.legs import Leg
 
 Way = tuple[int, int]  # Edges before and behind a junction
+Slow = tuple[float, float, float]  # Middle and half length of a place [m], speed there [m/s]
 Seen = tuple[Leg, Floats, Mask]  # A leg with its free speed (N,) and the nodes that count (N,)
 
 FEWEST = 3  # Passages from which on a way over a junction is known
 REACH = 10.0  # Half the way on which a junction is crossed [m]
-STRAIGHT = 5.0  # Half the way on which it slows down who goes straight on [m]
+BEFORE, BEHIND = 24.0, 14.0  # A truck that brakes for a junction does so from here on; and is past it [m]
+PLACES = np.arange(-BEFORE, BEHIND + 0.5)  # Where speeds about a junction are looked at [m]
+CENTRE = 5.0  # Half the place where roads meet: limits, and slow zones, of one road end before the other [m]
+HALVES = (0.5, 2.0, 4.0)  # Half the way on which trucks go slowly before they go on [m]
+DIP = 0.9  # Slowing down by less than this share costs less than 0.1 s
 CLEAR = 14.0  # Nearer to a stop, the speed at a junction is that of setting off or stopping [m]
 BEND, BACK = 0.6, 2.6  # A smaller turn is none; a larger one is a turn on the spot [rad]
 DRIVEN = 0.7
 """Quantile of undisturbed speeds that is the one intended: some dawdle, or meet what nobody recorded."""
-SHORTEST = 1.0  # Shortest bend [m]; and a quarter of one where a truck goes straight on
+SHORTEST = 1.0  # Shortest bend [m]
 BLUR = 1.0 / 3.0  # Variance of the stretch over which a course is taken here [m2]
 ALIKE = 0.65
 """Share of the nominal lateral acceleration above which a map without curves cannot tell it from that."""
@@ -33,15 +39,16 @@ ALIKE = 0.65
 
 @dataclass(frozen=True)
 class Turn:
-    """A way over a junction. ``angle`` [rad]; ``middle`` (about the meeting of the edges) and ``length`` of
-    its bend [m]; ``speed`` driven and ``free`` speed [m/s]; ``curvature`` by the map [1/m]."""
+    """A way over a junction. ``angle`` [rad]; ``length`` of its bend [m]; ``speed`` driven and ``free`` speed
+    [m/s]; ``curvature`` by the map [1/m]; ``slow``, where trucks go slowly: middle (about the meeting of the
+    edges) and half length [m], and speed [m/s]."""
 
     angle: float
-    middle: float
     length: float
     speed: float
     free: float
     curvature: float
+    slow: tuple[Slow, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -65,13 +72,16 @@ class Turns:
         for place, _, leg in known:
             out[leg][np.abs(s[leg] - place) < 0.7 * REACH] = 0.0
         for place, turn, leg in known:
-            bend = np.abs(s[leg] - place - turn.middle) <= max(0.5 * turn.length, 0.3)
-            out[leg][bend] = np.maximum(out[leg][bend], self.lateral / turn.speed**2)
+            for middle, half, speed in turn.slow:
+                bend = np.abs(s[leg] - place - middle) <= half
+                out[leg][bend] = np.maximum(out[leg][bend], self.lateral / speed**2)
         return out
 
 
 @dataclass(frozen=True)
-class _Pass:
+class Pass:
+    """One way over a junction as it was driven."""
+
     s: Floats  # About the meeting of the edges [m]
     speed: Floats
     free: float
@@ -79,17 +89,26 @@ class _Pass:
     turned: Floats
     at: Floats
     spacing: float
+    profile: Floats  # Speed at all places, NaN where it does not count
 
 
-def measure(drives: Iterable[Seen], truck: Truck) -> Turns:
-    """Return the turns of legs."""
-    passes: dict[Way, list[_Pass]] = defaultdict(list)
+def crossings(drives: Iterable[Seen]) -> list[tuple[Way, Pass]]:
+    """Return how legs cross junctions."""
+    found = []
     for leg, free, use in drives:
         edge = leg.path.edge
         for i in np.flatnonzero(np.diff(edge) != 0).tolist():  # The last node before each junction
             if (one := _pass(leg, free, use, i)) is not None:
-                passes[int(edge[i]), int(edge[i + 1])].append(one)
-    known = {way: _turn(p) for way, p in passes.items() if len(p) >= FEWEST}
+                found.append(((int(edge[i]), int(edge[i + 1])), one))
+    return found
+
+
+def measure(found: Iterable[tuple[Way, Pass]], truck: Truck) -> Turns:
+    """Return the turns that were crossed so."""
+    passes: dict[Way, list[Pass]] = defaultdict(list)
+    for way, one in found:
+        passes[way].append(one)
+    known = {way: _turn(p, truck) for way, p in passes.items() if len(p) >= FEWEST}
     bends = [t for t in known.values() if BEND < abs(t.angle) < BACK]
     if len(bends) < FEWEST or _map_explains(list(known.values())):
         return Turns({}, 0.0)
@@ -98,7 +117,7 @@ def measure(drives: Iterable[Seen], truck: Truck) -> Turns:
     return Turns(known, level if level < ALIKE * nominal else nominal)
 
 
-def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
+def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> Pass | None:
     d, place = leg.distance, leg.distance[i]
     near = slice(np.searchsorted(d, place - REACH, side="right"), np.searchsorted(d, place + REACH))
     if min(place - d[0], d[-1] - place) < CLEAR or not use[near].all():
@@ -107,15 +126,21 @@ def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
     turned = np.diff(np.unwrap(np.arctan2(y[4:] - y[:-4], x[4:] - x[:-4])))
     curvature = float(np.abs(leg.path.curvature[near]).max())
     middle = 0.5 * (s[3:-2] + s[2:-3])
-    return _Pass(s, speed, float(free[near].min()), curvature, turned, middle, float(np.median(speed)))
+    counts = np.where(use, leg.path.speed, np.nan)
+    profile = np.interp(place + PLACES, d, counts, left=np.nan, right=np.nan)
+    own = float(free[near].min())
+    return Pass(s, speed, own, curvature, turned, middle, float(np.median(speed)), profile)
 
 
-def _turn(passes: list[_Pass]) -> Turn:
+def _turn(passes: list[Pass], truck: Truck) -> Turn:
     """What passages have in common."""
     angle = float(np.median([p.turned.sum() for p in passes]))
     free, curvature = (float(np.median([getattr(p, n) for p in passes])) for n in ("free", "curvature"))
+    profile, driven = np.stack([p.profile for p in passes]), np.full(len(PLACES), np.nan)
+    seen = np.isfinite(profile).sum(axis=0) >= FEWEST
+    driven[seen] = np.nanquantile(profile[:, seen], DRIVEN, axis=0)
     if abs(angle) < BEND:
-        return Turn(angle, 0.0, 4.0 * SHORTEST, _speed(passes, 0.0, STRAIGHT), free, curvature)
+        return Turn(angle, 0.0, _speed(passes, 0.0, 2.0), free, curvature, _dip(driven, truck, ()))
     turned, at = np.concatenate([p.turned for p in passes]), np.concatenate([p.at for p in passes])
     weight = turned / turned.sum()
     middle = float(np.clip(weight @ at, -0.5 * REACH, 0.5 * REACH))
@@ -123,10 +148,37 @@ def _turn(passes: list[_Pass]) -> Turn:
     blur = BLUR + float(np.mean([p.spacing**2 for p in passes])) / 6.0
     variance = float(weight @ (at - middle) ** 2) - blur
     length = float(np.clip(np.sqrt(12.0 * max(variance, 0.0)), SHORTEST, 1.5 * REACH))
-    return Turn(angle, middle, length, _speed(passes, middle, max(0.5 * length, 2.0)), free, curvature)
+    speed = _speed(passes, middle, max(0.5 * length, 2.0))
+    bend = middle, max(0.5 * length, 0.3), speed
+    return Turn(angle, length, speed, free, curvature, (bend, *_dip(driven, truck, (bend,))))
 
 
-def _speed(passes: list[_Pass], middle: float, reach: float) -> float:
+def _dip(driven: Floats, truck: Truck, bends: tuple[Slow, ...]) -> tuple[Slow, ...]:
+    """Where trucks slow down most that ``driven`` speeds at all places tell, (K,), beside the bends; nowhere
+    where they slow down for the bends alone, or since one of the roads is slow."""
+    before, behind = driven[PLACES <= -CENTRE], driven[PLACES >= CENTRE]
+    if not (np.isfinite(before).any() and np.isfinite(behind).any()):
+        return ()
+    drive = truck.drive
+
+    def beside(one: Slow) -> Floats:
+        middle, half, speed = one
+        apart = np.maximum(np.abs(PLACES - middle) - half, 0.0)
+        rate = np.where(middle > PLACES, drive.max_deceleration, drive.max_acceleration)
+        return np.asarray(np.sqrt(speed**2 + 2.0 * rate * apart))
+
+    roads = (-BEFORE, BEFORE, float(np.nanmax(before))), (BEFORE, BEFORE, float(np.nanmax(behind)))
+    known = np.min([beside(one) for one in (*roads, *bends)], axis=0)
+    inner = (np.abs(PLACES) <= BEHIND) & (min([b[0] - b[1] for b in bends], default=CENTRE) > PLACES)
+    tried = [
+        (float(PLACES[k]), half, float(driven[k]))
+        for k in np.flatnonzero(inner & (driven < DIP * known)) for half in HALVES
+    ]  # fmt: skip
+    missed = [np.nansum((1.0 / np.minimum(known, beside(one)) - 1.0 / driven) ** 2) for one in tried]
+    return (tried[int(np.argmin(missed))],) if tried else ()
+
+
+def _speed(passes: list[Pass], middle: float, reach: float) -> float:
     """The speed intended there: what lies before or behind may be slow for a reason of its own."""
     slowest = [float(p.speed[np.abs(p.s - middle) <= reach].min()) for p in passes]
     return max(float(np.quantile(slowest, DRIVEN)), 0.1)

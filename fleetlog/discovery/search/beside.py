@@ -44,10 +44,13 @@ class Left(NamedTuple):
 
     def step(self, at: slice, prior: Prior) -> Floats:
         """Return the likeliest coefficients of some of the columns alone."""
+        if at.stop - at.start == 1:  # As most are: the general way takes twenty times as long
+            precision, own = float(prior.precision[0]), float(self.product[at.start, at.start])
+            drawn = float(self.moment[at.start]) + precision * float(prior.centre[0])
+            one = drawn / (own + (precision + 1e-9 * max(own, 1e-12)))
+            return np.array([min(max(one, float(prior.low[0])), float(prior.high[0]))])
         right, product = self.moment[at] + prior.precision * prior.centre, stiff(self.product[at, at], prior)
-        # Most are one number, for which the general way takes ten times as long.
-        likeliest = right / product[0] if len(right) == 1 else np.linalg.solve(product, right)
-        return np.clip(likeliest, prior.low, prior.high)
+        return np.clip(np.linalg.solve(product, right), prior.low, prior.high)
 
 
 @dataclass(frozen=True)
@@ -198,7 +201,7 @@ def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells:
     evident = 2.0 * problem.noise.design * (problem.settings.parameter + 5.0)
     passes = problem.channel.passes(h.physics)
     share = passes / max(float(passes.sum()), 1.0)
-    material = max(problem.settings.material, problem.channel.model_error) ** 2 * sums.energy
+    material = max(problem.settings.material, problem.channel.place_error) ** 2 * sums.energy
     plausible = h.physics.parameters[0].plausible
     # What is near a junction alone is not told from how the junction is crossed; but waits are often there.
     near = 0.0 if h.physics.acts == "wait" else REACH

@@ -47,7 +47,8 @@ def search(problem: Problem, nominal: Model) -> Search:
             if now.chosen != found.joint.chosen:
                 found.joint = refit(problem, found.joint.model, now.chosen)
             break
-        found.joint = better
+        anew = problem.learn_anew(better.model, better.chosen, float(better.losses.sum()))
+        found.joint = refit(problem, better.model, better.chosen) if anew else better
     return _shaped(problem, _pruned(problem, found))
 
 
@@ -403,6 +404,8 @@ def _shaped(problem: Problem, found: Search) -> Search:
     give even slopes of stretches the shape of a field where that does. Simple shapes go first where a name is
     looked for; but roads begin to climb gradually: an even slope in their place is too short and steep."""
     for h in found.joint.chosen:
+        if h not in found.joint.chosen:  # A field has taken its place.
+            continue
         own = h
         for near in (n for share in (0.5, 0.25, 0.125) for n in own.nearby(share)):
             own = _swapped(problem, found, own, near)
@@ -418,7 +421,8 @@ def _swapped(
 ) -> Hypothesis:
     """Put one hypothesis in the place of another if that predicts better; return the one that stands."""
     chosen, model = [other if c is own else c for c in found.joint.chosen], found.joint.without(own)
-    if other.field:  # About the model as it is, with the variance that fits best
+    if other.field:  # For all stretches of its term, about the model as it is, at the variance that fits best
+        chosen = [c for c in chosen if c is other or c.term != other.term]
         model, sums = found.joint.model, problem.sums(found.joint.model, chosen)
         chosen = list(tuned(problem, sums, model, chosen).chosen)
     tried = refit(problem, model, chosen, 2)

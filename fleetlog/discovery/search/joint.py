@@ -1,14 +1,16 @@
 """The joint fit: all numbers of some hypotheses together, by Gauss and Newton, on sums about the model; what
 it says of windows, and how large an effect in it is."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.hypotheses.sources import Layout
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.search.design import Design, make_design
 from fleetlog.discovery.search.problem import Problem
@@ -155,13 +157,21 @@ def errors(covariance: Floats) -> Floats:
 
 def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
     """The (k, k) products of columns and of the trips' scores, and the (k,) scores of the model's error."""
-    layout = problem.layout(joint.chosen)
+    parts = problem.channel.each(partial(_scores, problem, joint, problem.layout(joint.chosen)))
+    gram, total, shift, clusters = (sum(p[1:], p[0]) for p in zip(*parts, strict=True))
+    return gram, total * clusters / max(clusters - 1.0, 1.0), shift
+
+
+def _scores(
+    problem: Problem, joint: Joint, layout: Layout, units: Iterable[Unit]
+) -> tuple[Floats, Floats, Floats, int]:
+    """The same of some units, and their number of trips."""
     k = len(joint.design.atoms)
     gram, total, clusters, shift = np.zeros((k, k)), np.zeros((k, k)), 0, np.zeros(k)
     # What free curves say is not in the model, and no residual.
     curves = np.array([a.owner is not None and a.owner.term is None for a in joint.design.atoms])
     said = np.where(curves, joint.fitted.beta, 0.0)
-    for unit in problem.training():
+    for unit in problem.training(units):
         modelled, x = problem.channel.columns(unit, joint.model, layout.sources)
         own = joint.design.columns(x, unit.windows.vehicle)
         weighted = own * (problem.noise.weight(unit) * unit.whole)[:, None]
@@ -172,7 +182,7 @@ def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
         np.add.at(sums, which, weighted * (unit.recorded - modelled - own @ said)[:, None])
         total += sums.T @ sums
         clusters += len(sums)
-    return gram, total * clusters / max(clusters - 1.0, 1.0), shift
+    return gram, total, shift, clusters
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
 """The last judgement: errors on trips that nothing has read, of exactly the model that is written."""
 
-from collections.abc import Callable
+from collections.abc import Iterable, Sequence
+from functools import partial
+from itertools import chain
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,19 +24,14 @@ FEWEST = 50  # Windows from which on a noise floor is told
 
 def judge(
     problem: Problem, before: Model, after: Joint, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
-    Joint],
+    Joint], share: float = 1.0,
 ) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None]:  # fmt: skip
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
     ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
-    hides."""
-    channel = problem.channel
-
-    def seen(unit: Unit) -> list[Floats]:
-        others = [channel.predict(unit, model) for model in without.values()]
-        others += [said(problem, unit, joint)[0] for joint in beside.values()]
-        return [*said(problem, unit, after), *others]
-
-    energy, cluster, modelled, concealed, *others = _pooled(problem, 2 + len(without) + len(beside), seen)
+    hides. The noise floor is measured on a ``share`` of the trips."""
+    channel, fits, models = problem.channel, [after, *beside.values()], [*without.values(), before]
+    energy, cluster, modelled, concealed, *others = _pooled(problem, fits, models)
+    others, left = [*others[2 * len(beside) : -1], *others[: 2 * len(beside) : 2]], energy - others[-1]
     if not len(energy) or not energy.any():
         reason = "too few trips to hold some out; record more"
         return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None
@@ -48,22 +45,18 @@ def judge(
         one, two = (energy - other, new) if h in without else (new, energy - other)
         chance = p_value(one - concealed, one - two, cluster, miss)
         told[h] = Errors(channel.metric, error(one), error(two), chance)
-    left, floor = _floor(problem, before)
+    floor = _floor(problem, before, share)
     fit = ChannelFit(channel.name, channel.metric, error(left), error(new), floor and floor / size)
     return fit, told, error(new - concealed)
 
 
 def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
     """Return the p-value of a hypothesis that was found on the training trips, on those held out."""
-
-    def seen(unit: Unit) -> list[Floats]:
-        return [*said(problem, unit, base), sum(said(problem, unit, joint), np.zeros(len(unit.windows)))]
-
-    energy, cluster, modelled, concealed, other = _pooled(problem, 3, seen)
+    energy, cluster, modelled, concealed, *other = _pooled(problem, [base, joint], [])
     if not len(energy):
         return None
     before, own = modelled + concealed, problem.channel.model_error * np.abs(modelled)
-    return p_value(energy - before, other - before, cluster, own)
+    return p_value(energy - before, other[0] + other[1] - before, cluster, own)
 
 
 def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats = 0.0) -> float:
@@ -79,30 +72,45 @@ def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats
     return float(stdtr(len(score) - 1, -score.sum() / spread))
 
 
-def _pooled(problem: Problem, count: int, seen: Callable[[Unit], list[Floats]]) -> Floats:
-    """(2 + count, W) of the windows held out: what was recorded, what they were held out with, and ``count``
-    values that are ``seen`` of a unit."""
-    held, unit = problem.held_out(), problem.split.unit
-    parts = [np.stack([u.recorded, unit(u.windows), *seen(u)])[:, u.whole] for u in held]
-    return np.concatenate([*parts, np.zeros((2 + count, 0))], axis=1)
+def _pooled(problem: Problem, fits: Sequence[Joint], models: Sequence[Model]) -> Floats:
+    """(2 + 2 fits + models, W) of the windows held out: what was recorded, what they were held out with, what
+    fits say and what by them sampling hides, and what models say."""
+    return np.concatenate(list(problem.channel.each(partial(_heard, problem, fits, models))), axis=1)
 
 
-def _floor(problem: Problem, before: Model) -> tuple[Floats, float | None]:
-    """What the model before leaves of the windows held out, and the noise in them; None where it is not
-    known."""
-    features, residual, trip, wanted, noise = [], [], [], [], []
-    for unit in problem.channel.units():
-        use = unit.whole
-        features.append(problem.channel.features(unit, before)[use])
-        residual.append((unit.recorded - problem.channel.predict(unit, before))[use])
-        trip.append(problem.split.unit(unit.windows)[use])
-        wanted.append((problem.folds(unit) == HELD_OUT)[use])
-        noise.append(unit.noise[use])
-    parts = [np.concatenate(p) for p in (features, residual, trip, wanted)]
-    held, repeated = parts[3], noise_floor(*parts)
+def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], units: Iterable[Unit]) -> Floats:
+    def heard(u: Unit) -> Floats:
+        told = [values for joint in fits for values in said(problem, u, joint)]
+        told += [problem.channel.predict(u, model) for model in models]
+        return np.stack([u.recorded, problem.split.unit(u.windows), *told])[:, u.whole]
+
+    none = np.zeros((2 + 2 * len(fits) + len(models), 0))
+    return np.concatenate([none, *(heard(u) for u in problem.held_out(units))], axis=1)
+
+
+def _floor(problem: Problem, before: Model, share: float) -> float | None:
+    """The noise in the windows held out beyond a model; None where it is not known."""
+    parts = problem.channel.each(partial(_alike, problem, before, share))
+    features, told = (np.concatenate(p) for p in zip(*chain.from_iterable(parts), strict=True))
+    residual, trip, held, noise = told.T
+    wanted = held > 0.0
+    repeated = noise_floor(features, residual, trip, wanted)
     # Alike windows repeat what the uncertainty of their motion does to them; that part is known without them.
-    stated = float(np.sqrt(np.mean(np.concatenate(noise)[held])))
-    return parts[1][held], None if repeated is None else max(repeated, stated)
+    return None if repeated is None else max(repeated, float(np.sqrt(np.mean(noise[wanted]))))
+
+
+def _alike(
+    problem: Problem, before: Model, share: float, units: Iterable[Unit]
+) -> list[tuple[Floats, Floats]]:
+    """(W, d) features of the windows of units, and (W, 4) what a model leaves of them, their trips, whether
+    they are held out, and the noise that is known."""
+    out = []
+    for unit in units:
+        left, held = unit.recorded - problem.channel.predict(unit, before), unit.fold == HELD_OUT
+        use = unit.whole & problem.split.drawn(unit.windows, share)
+        told = np.column_stack([left, problem.split.unit(unit.windows), held, unit.noise])
+        out.append((problem.channel.features(unit, before)[use], told[use]))
+    return out
 
 
 def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) -> float | None:

@@ -1,12 +1,14 @@
 """A channel with its split and weights: what the search asks, and what it gets in return.
 
-Weights follow how far windows scatter about a model that is right.  That is judged from what the freest
-model leaves; judged from the nominal model, an effect yet to be found would pass for noise.  It grows with
-the power drawn, so it is measured in classes of power; and where rows scatter more than is usual at that
-power, as trucks jerk between them, by a power of that excess which is measured too."""
+Weights follow how far windows scatter about a model that is right.  The nominal model with its tolerances
+is the first; once a model leaves far less, what the freest model about it leaves of windows that it has not
+seen: what bends about the nominal one (wind on a truck that brakes) is no noise.  It grows with the power
+drawn, so it is measured in classes of power; and where rows scatter more than is usual at that power, as
+trucks jerk between them, by a power of that excess which is measured too."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,7 @@ RIDGE = 0.02  # Ridge of the freest model, as a share of each column's own squar
 HUBER = 4.0  # Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)
 MEDIAN = 2.198  # The mean square of a normal variable over the median of its square
 FEWEST = 5
+LESS = 0.5  # Of the losses that noise leads to expect; medians of a hundred windows tell it to a seventh
 EXPONENTS = np.linspace(0.0, 2.0, 9)
 """Of the scatter of rows in windows' variance: 0 where rows telescope, 2 where each errs by itself."""
 
@@ -73,7 +76,6 @@ class Problem:
     settings: Settings
     rest: tuple[Hypothesis, ...]
     noise: Noise = field(init=False)  # What :meth:`learn` measured
-    _folds: dict[tuple[int, float], Ints] = field(default_factory=dict, init=False)
 
     def layout(self, hypotheses: Sequence[Hypothesis]) -> Layout:
         """Return the columns of the base and of hypotheses."""
@@ -82,53 +84,70 @@ class Problem:
         sources.sort(key=lambda s: isinstance(s, FieldSource) - isinstance(s, KnobSource))
         return lay_out(sources, [self.channel.width(s) for s in sources])
 
-    def folds(self, unit: Unit) -> Ints:
-        """Return the fold of every window of a unit, (W,), which is dealt once for all passes."""
-        if unit.key not in self._folds:
-            self._folds[unit.key] = self.split.fold(unit.windows)
-        return self._folds[unit.key]
+    def training(self, units: Iterable[Unit] | None = None) -> Iterator[Unit]:
+        """Yield units, by default all, with what is held out marked as not whole."""
+        for unit in self.channel.units() if units is None else units:
+            yield replace(unit, whole=unit.whole & (unit.fold != HELD_OUT))
 
-    def training(self) -> Iterator[Unit]:
-        """Yield the units with what is held out marked as not whole."""
-        for unit in self.channel.units():
-            yield replace(unit, whole=unit.whole & (self.folds(unit) != HELD_OUT))
+    def count(self, units: Iterable[Unit]) -> int:
+        """Return the number of windows of units that may be looked at."""
+        return sum(int(unit.whole.sum()) for unit in self.training(units))
 
-    def held_out(self) -> Iterator[Unit]:
-        """Yield what is held out of the units, whatever else hangs together with it marked as not whole."""
-        for unit in self.channel.units():
-            out = self.folds(unit) == HELD_OUT
+    def held_out(self, units: Iterable[Unit] | None = None) -> Iterator[Unit]:
+        """Yield what is held out of units, whatever else hangs together with it marked as not whole."""
+        for unit in self.channel.units() if units is None else units:
+            out = unit.fold == HELD_OUT
             if (unit.whole & out).any():
                 yield replace(unit, whole=unit.whole & out).part(out)
 
     def sampled(self, share: float) -> "Problem":
-        """Return the problem with a share of the trips; itself where the share is all."""
-        if share >= 1.0:
-            return self
-        return Problem(self.channel.sampled(self.split, share), self.split, self.settings, self.rest)
+        """Return the problem with a share of the trips in training, or all."""
+        return Problem(self.channel.sampled(share), self.split, self.settings, self.rest)
 
     def learn(self, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
         """Measure the noise by what the hypotheses leave, where it is not known."""
         if not hasattr(self, "noise"):
-            tables = self._tables(model, self.layout(hypotheses))
-            self.noise = learn(tables, self.settings, self.channel.model_error, self.split.unit)
+            self.noise = self._measured(model, hypotheses)
+
+    def learn_anew(self, model: Model, hypotheses: Sequence[Hypothesis], lost: float) -> bool:
+        """Measure the noise about a model if it has ``lost`` [nat] far less on unseen trips than the noise
+        allows, and return whether that is so. Of what a free curve says only the outline is known: what that
+        misses is no noise, but nobody's evidence either."""
+        named = all(h.term for h in hypotheses) and self.channel.bends
+        count = sum(int(unit.whole.sum()) for unit in self.training())
+        if far := named and 2.0 * self.noise.design * lost < LESS * count:
+            self.noise = self._measured(model, [*self.rest, *hypotheses])
+        return far
+
+    def _measured(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Noise:
+        layout = self.layout(hypotheses)
+        stands = np.zeros(layout.width)
+        for s in layout.sources:  # Fields have seen the windows: they are fitted again, from nothing
+            if isinstance(s, FieldSource) and s.term in model.fields and s.scope == model.when[s.term]:
+                stands[list(layout.at(s))] = self.channel.cells(s.physics).inverse @ model.fields[s.term]
+        tables = ((unit, modelled - x @ stands, x) for unit, modelled, x in self._tables(model, layout))
+        return learn(tables, self.settings, self.channel.model_error, self.split.unit)
 
     def sums(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Sums:
         """Return the products of the columns of base and hypotheses about a model, over training windows."""
         self.learn(model, hypotheses)
-        layout = self.layout(hypotheses)
+        parts = self.channel.each(partial(self._summed, model, self.layout(hypotheses)))
+        return reduce(Sums.__add__, parts)
+
+    def _summed(self, model: Model, layout: Layout, units: Iterable[Unit]) -> Sums:
         sums = Sums.empty(layout, self.settings.folds, len(self.channel.fleet.vehicles))
-        for unit, modelled, x in self._tables(model, layout):
+        for unit, modelled, x in self._tables(model, layout, units):
             use, w = unit.whole, unit.windows[unit.whole]
             if len(w):
                 sums.add(
                     x[use], (unit.recorded - modelled)[use], unit.recorded[use], self.noise.weight(unit)[use],
-                    self.folds(unit)[use], self.split.slow_fold(w), w.vehicle,
+                    unit.fold[use], self.split.slow_fold(w), w.vehicle,
                 )  # fmt: skip
         sums.flush()
         return sums
 
-    def _tables(self, model: Model, layout: Layout) -> Iterator[Table]:
-        for unit in self.training():
+    def _tables(self, model: Model, layout: Layout, units: Iterable[Unit] | None = None) -> Iterator[Table]:
+        for unit in self.training(units):
             yield unit, *self.channel.columns(unit, model, layout.sources)
 
 
@@ -170,7 +189,7 @@ def _left(kept: list[Table], noise: Noise) -> tuple[list[Floats], list[Floats]]:
         weight = noise.weight(unit) * unit.whole
         lever = np.einsum("ij,ij->i", x @ small, x) * weight
         said.append(np.abs(unit.level + x @ beta))
-        left.append((unit.recorded - modelled - x @ beta) / np.maximum(1.0 - lever, 0.2))
+        left.append((unit.recorded - modelled - x @ beta) / np.maximum(1.0 - lever, 1e-3))
     return left, said
 
 

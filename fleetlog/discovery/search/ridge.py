@@ -63,6 +63,11 @@ class Sums:
         own = np.zeros((vehicles if vehicles > 1 else 0, folds, layout.numbers, p))
         return cls(layout, np.zeros((folds, p, p)), np.zeros((folds, q, q)), own)
 
+    def __add__(self, other: Sums) -> Sums:
+        """Return those of both."""
+        own = (getattr(self, n) + getattr(other, n) for n in ("fold", "slow", "own", "energy"))
+        return Sums(self.layout, *own)
+
     def add(self, x: Columns, residual: Floats, recorded: Floats, weight: Floats, *codes: Ints) -> None:
         """Add windows: (W, P) columns, residual, recorded quantity, inverse variance; folds and vehicle."""
         root = np.sqrt(weight).astype(np.float32)[:, None]
@@ -105,7 +110,10 @@ class Normal:
 
 def stiff(gram: Floats, prior: Prior) -> Floats:
     """Return (k, k) products with the precision of a prior; what nothing speaks for gets a trace of one."""
-    return np.asarray(gram + np.diag(prior.precision + 1e-9 * np.maximum(np.diag(gram), 1e-12)))
+    out = np.array(gram, dtype=np.float64)
+    diagonal = np.einsum("ii->i", out)
+    diagonal += prior.precision + 1e-9 * np.maximum(diagonal, 1e-12)
+    return out
 
 
 def solve(gram: Floats, moment: Floats, prior: Prior) -> Floats:
