@@ -26,9 +26,20 @@ _LAYOUTS: dict[str, dict[int, Any]] = {
 """Names of the fields of Foxglove's messages by number, with the layout of those that are messages."""
 
 
+try:  # twice as fast, and optional
+    from orjson import loads as _loads
+except ImportError:
+
+    def _loads(data: Any) -> Any:
+        return json.loads(str(data, "utf-8"))
+
+
 def _from_json(data: Any) -> dict[str, Any]:
     """The object that a message is."""
-    message = json.loads(str(data, "utf-8"))
+    try:
+        message = _loads(data)
+    except ValueError:  # NaN, which is not JSON, is what many write where there is no altitude
+        message = json.loads(str(data, "utf-8"))
     if not isinstance(message, dict):
         raise ValueError("the message is no JSON object")
     return message
