@@ -100,6 +100,9 @@ class Worn:
     def __getattr__(self, name: str) -> object:
         return getattr(self.dataset, name)
 
+    def here(self) -> Worn:
+        return self
+
     def read(self, *what: object):
         t = self.dataset.read(*what)  # type: ignore[arg-type]
         return t.with_columns(speed=HIDDEN["sensor"] * t.floats("speed"))
