@@ -54,7 +54,7 @@ class Split:
     def rows(self, trip: Ints, time: Floats, vehicle: int, day: int, share: float = 1.0) -> Ints:
         """Return the same for the rows of a vehicle-day; ``HELD_OUT`` beside an even sample of them, too."""
         unit = self._units(trip, time, np.full(len(trip), vehicle))
-        return np.where(_mixed(unit) % 1000 < 1000.0 * share, self._folds(unit, vehicle, day), HELD_OUT)
+        return np.where(_evenly(unit, share), self._folds(unit, vehicle, day), HELD_OUT)
 
     def _units(self, trip: Ints, time: Floats, vehicle: Ints) -> Ints:
         if self.kind == "trips":
@@ -72,7 +72,7 @@ class Split:
 
     def drawn(self, w: Windows, share: float) -> Mask:
         """Return which windows belong to an even sample, (W,)."""
-        return np.asarray(_mixed(self.unit(w)) % 1000 < 1000.0 * share)
+        return _evenly(self.unit(w), share)
 
     def _dealt(self, codes: Ints, count: int, salt: int) -> Ints:
         """Return the share of each code: of ``count`` in a row each has another: neighbours remain."""
@@ -92,6 +92,11 @@ class Split:
 def _order(seed: int, salt: int, run: int, count: int) -> Ints:
     """The shares of one run of codes, in an order of chance."""
     return np.random.default_rng([seed, salt, run]).permutation(count)
+
+
+def _evenly(codes: Ints, share: float) -> Mask:
+    """Which codes belong to an even sample of such a share."""
+    return np.asarray(_mixed(codes) % 1000 < 1000.0 * share)
 
 
 def _mixed(codes: Ints) -> Ints:
