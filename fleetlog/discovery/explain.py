@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.arrays import Floats
+from fleetlog.core.words import percent
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses, scanned
 from fleetlog.discovery.hypotheses.sources import UNIT
@@ -119,11 +120,14 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
         values[findings[-1].term] = others.values(lost)
         after = after.with_field(findings[-1].term, others.values(lost).deviation)
     order = sorted(findings, key=lambda f: -f.strength)
+    unexplained = rest is not None and _above_floor(problem, rest, fit.floor)
+    if not findings and not unexplained:
+        fit.reason = fit.reason or _hidden(asked, fit.floor)
     taken = {k for h in told for k in h.knobs}
     small = {k: n for k, n in numbers.items() if k not in taken and k in final.model.at}
     return Explained(
         problem, before.model, after, fit, order, [_adjustment(channel, k, n) for k, n in small.items()],
-        values, numbers, rest is not None and _above_floor(problem, rest, fit.floor),
+        values, numbers, unexplained,
     )  # fmt: skip
 
 
@@ -165,6 +169,16 @@ def _above_floor(problem: Problem, rest: float, floor: float | None) -> bool:
     left = np.sqrt(max(rest**2 - floor**2, 0.0))
     least = max(problem.settings.material, problem.channel.model_error, problem.channel.place_error)
     return bool(left > least and rest > problem.settings.at_floor * floor)
+
+
+def _hidden(asked: Task, floor: float | None) -> str | None:
+    """Say why nothing can be said to be missing: what noise leaves to a model that is right hides a number
+    that changes a material share of every window. It would gain half of windows * (share / floor)^2."""
+    settings = asked.problem.settings
+    least = (floor or 0.0) * np.sqrt(2.0 * (settings.evidence + settings.parameter) / asked.windows)
+    if least <= settings.material:
+        return None
+    return f"noise hides what changes it by less than {percent(least)}; record more, or rows closer together"
 
 
 def _numbers(joint: Joint, error: Floats) -> dict[Knob, Parameter]:

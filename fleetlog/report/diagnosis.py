@@ -5,10 +5,10 @@ import pandas as pd
 
 from fleetlog.core.result import EdgeValues, Grid, Result, Series
 from fleetlog.core.site import Site
-from fleetlog.core.words import count, percent
+from fleetlog.core.words import percent
 from fleetlog.discovery.diagnose import Diagnosis, diagnose
-from fleetlog.discovery.report.finding import Finding, Verdict
-from fleetlog.discovery.report.output import HEADS
+from fleetlog.discovery.report.finding import Finding
+from fleetlog.discovery.report.output import head
 from fleetlog.discovery.report.words import advice, place
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
@@ -33,7 +33,7 @@ def in_short(facts: Facts) -> list[str]:
     except DataError as error:
         return [f"The diagnosis could not be made: {error.advice}."]
     v = found.verdict
-    out = [_head(v)]
+    out = [head(v)]
     if v.findings:
         first = v.findings[0]
         out.append(f"{'The largest: ' if v.findings[1:] else ''}{first.statement}. {advice(first)}.")
@@ -52,18 +52,15 @@ def diagnosis_page(d: Diagnosis, drawn: Result, site: Site) -> str:
     """``report.html`` of a diagnosis, with the pictures of its result."""
     v = d.verdict
     rows = [[_plain(c.name), c.metric, *map(_share, (c.before, c.after, c.floor))] for c in v.channels]
-    head, right = ["Channel", "Error", "before", "after", "noise floor"], [False, False, True, True, True]
-    judged = Table(head, rows, right, "How well the model reproduces trips that it has not seen")
+    columns, right = ["Channel", "Error", "before", "after", "noise floor"], [False, False, True, True, True]
+    judged = Table(columns, rows, right, "How well the model reproduces trips that it has not seen")
+    untold = [(c.name, c.reason) for c in v.channels if c.reason]
     return render(
-        "diagnosis.html", title="Differences between recording and model", lead=[_head(v), *_cost(d)],
+        "diagnosis.html", title="Differences between recording and model", lead=[head(v), *_cost(d)],
         channels=judged, todo=_todo(v.findings, site.timezone or "UTC"),
         findings=[(f, _sentence(f), _ranking(f), _roads(f)) for f in v.findings],
-        pictures=_pictures(drawn, site), notes=v.notes,
+        pictures=_pictures(drawn, site), notes=v.notes + [f"{_plain(n)}: {why}" for n, why in untold],
     )  # fmt: skip
-
-
-def _head(v: Verdict) -> str:
-    return HEADS.get(v.word, f"The truck model leaves out {count(len(v.findings), 'effect')}.")
 
 
 def _cost(d: Diagnosis) -> list[str]:

@@ -304,7 +304,9 @@ def _charged(c: Cut, capacity: float) -> Mask:
     still = (block.rows(m.speed) <= 0.0) & (np.abs(block.rows(m.lift_speed)) <= 0.0)
     begin = np.flatnonzero(np.diff(still, prepend=~still[:1]))
     end = np.append(begin[1:], len(block)) - 1
-    lasts, rise = (v[end] - v[begin] for v in (block.time, block.soc))
+    # A charge that is not known, as above 100 %, is that of the row before.
+    known = np.maximum.accumulate(np.where(np.isfinite(block.soc), np.arange(len(block)), 0))
+    lasts, rise = (v[end] - v[begin] for v in (block.time, block.soc[known]))
     plugged = (lasts >= PLUGGED) & (rise * capacity > -CHARGING * lasts)
     still_charging = still & np.repeat(plugged, end - begin + 1)
     leap = np.diff(block.soc, prepend=block.soc[:1]) > LEAP

@@ -72,7 +72,8 @@ class Finding:
 
 @dataclass
 class ChannelFit:
-    """How well a channel is reproduced on held-out trips; None where that is unknown: ``reason`` says why."""
+    """How well a channel is reproduced on held-out trips; None where that is unknown. ``reason`` says why
+    the channel was not judged."""
 
     name: str
     metric: str
@@ -85,8 +86,9 @@ class ChannelFit:
 
     @property
     def judged(self) -> bool:
-        """Whether all figures are known: without a noise floor, no error can be said to be noise."""
-        return all(x is not None and isfinite(x) for x in (self.before, self.after, self.floor))
+        """Whether all figures are known, and are no mere noise; without a floor, no error is known to be."""
+        figures = (self.before, self.after, self.floor)
+        return self.reason is None and all(x is not None and isfinite(x) for x in figures)
 
 
 @dataclass

@@ -16,7 +16,7 @@ from fleetlog.discovery.hypotheses.cells import Squares, Stretches
 from fleetlog.discovery.model import FLEET
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.report import fields
-from fleetlog.discovery.report.finding import ChannelFit, Finding
+from fleetlog.discovery.report.finding import ChannelFit, Finding, Verdict
 from fleetlog.discovery.report.words import advice
 from fleetlog.physics.field import Field
 from fleetlog.physics.model import save_physics
@@ -74,15 +74,24 @@ def as_result(d: Diagnosis) -> Result:
 
 HEADS = {
     "none": "Nothing is missing: recording and model agree within the noise of the recording.",
+    "partly": "Nothing is missing in what could be judged: it agrees with the model within the noise.",
     "unknown": "The recording differs from the model, and known physics does not explain all of it.",
+    "unjudged": "Too little was recorded to judge any channel.",
 }
+
+
+def head(v: Verdict) -> str:
+    """Return the verdict in one sentence."""
+    if not any(c.judged for c in v.channels):
+        return HEADS["unjudged"]
+    found = f"The model leaves out {count(len(v.findings), 'effect')}."
+    return HEADS.get("partly" if v.word == "none" and not v.passes else v.word, found)
 
 
 def lines(d: Diagnosis) -> list[str]:
     """Return the answer in a few lines for a terminal."""
     v = d.verdict
-    head = HEADS.get(v.word, f"The model leaves out {count(len(v.findings), 'effect')}:")
-    out = [head if any(c.judged for c in v.channels) else "Too little was recorded to judge any channel."]
+    out = [head(v)]
     for f in v.findings[:4]:
         out.extend(_finding(f))
     out += [_channel(c, c.name in v.unexplained) for c in v.channels]
@@ -98,7 +107,7 @@ def _finding(f: Finding) -> list[str]:
 
 
 def _channel(c: ChannelFit, unexplained: bool) -> str:
-    if c.before is None or c.after is None:
+    if c.reason is not None or c.before is None or c.after is None:
         return f"  {c.name}: not judged: {c.reason}"
     floor = "" if c.floor is None else f", noise floor {percent(c.floor, 1)}"
     more = "; the rest is unexplained" if unexplained else ""

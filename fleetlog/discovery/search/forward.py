@@ -127,7 +127,9 @@ def _counting(
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
-        if _at_junctions(problem, joint):
+        # Nor are simpler shapes told of a field that stands out beside junctions, and says more.
+        alike = (o for o in worth if o.chosen[-1].term == joint.chosen[-1].term and o.score <= joint.score)
+        if any(_at_junctions(problem, o) for o in alike):
             continue
         if any(_is_part_of(joint, other) for other in worth) or any(
             _follows(problem, sums, now, joint, o) for o in ranked
@@ -175,7 +177,7 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
 
 
 NOTHING = 0.01  # Share of the largest gain of a fold up to which a fold has nothing to say
-OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve that says more
+OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve or junctions
 MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
 HALF = 0.5  # The same of a curve, of the one of two names that says more
 SECOND = 3  # Numbers that are tried beside a name
@@ -298,16 +300,20 @@ def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> boo
 
 
 def _at_junctions(problem: Problem, joint: Joint) -> bool:
-    """Whether a field stands out beside junctions alone, as no pattern may: there it is not told from how
+    """Whether a field stands out mostly beside junctions, as no pattern may: there it is not told from how
     they are crossed, nor from where within them another effect begins."""
     term = joint.chosen[-1].physics if joint.chosen[-1].field else None
     cells = problem.channel.cells(term) if term is not None and term.acts != "wait" else None
     if term is None or not isinstance(cells, Stretches):
         return False
-    deviation = np.where(problem.channel.passes(term) > 0, joint.model.fields[term.name], 0.0)
+    passes = problem.channel.passes(term)
+    deviation = np.where(passes > 0, joint.model.fields[term.name], 0.0)
     large = np.abs(deviation) >= LARGE * np.abs(deviation).max(initial=0.0)
-    ends = np.array([(r[0], r[-1] + 1) for r in cells.runs(large, np.sign(deviation))])
-    return bool(cells.brief(ends[:, 0], ends[:, 1], REACH).all())
+    runs, weight = cells.runs(large, np.sign(deviation)), passes * deviation**2
+    ends = np.array([(r[0], r[-1] + 1) for r in runs])
+    brief = cells.brief(ends[:, 0], ends[:, 1], REACH)
+    at_ends = sum(weight[r].sum() for r, short in zip(runs, brief, strict=True) if short)
+    return bool(at_ends > OWN * weight[large].sum())
 
 
 def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
