@@ -104,6 +104,19 @@ def test_noise_in_what_is_held_out_changes_the_scores_alone(recorded: Dataset, f
     assert other.verdict.adjustments == found.verdict.adjustments
 
 
+def test_nothing_is_said_to_be_missing_where_noise_hides_all(recorded: Dataset) -> None:
+    """Of power without the sixth part of it that the bad floor takes; the rest is noise."""
+
+    def drowned(t: Trajectory) -> Trajectory:
+        noise = 5e5 * np.random.default_rng(len(t)).normal(size=len(t))
+        return t.with_columns(battery_power=t.floats("battery_power") + noise)
+
+    verdict = judged(Seen(recorded, drowned, recorded.site)).verdict
+    assert verdict.word == "unknown"
+    assert not verdict.findings
+    assert "noise hides" in (verdict.channels[0].reason or "")
+
+
 def test_reported_errors_are_those_of_the_model_that_is_written(
     recorded: Dataset, found: Diagnosis, tmp_path: Path
 ) -> None:

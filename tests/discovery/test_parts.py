@@ -95,15 +95,17 @@ def test_windows_keep_the_energy_and_never_straddle_a_trip() -> None:
 
 
 @pytest.mark.parametrize("power", [470.0, -4000.0])
-@pytest.mark.parametrize("rate", [-2e-6, 1e-4])
+@pytest.mark.parametrize(("rate", "full"), [(-2e-6, np.inf), (1e-4, np.inf), (1e-4, 0.81)])
 def test_a_charge_that_rises_at_standstill_is_left_out_whether_or_not_its_power_is_logged(
-    rate: float, power: float
+    rate: float, full: float, power: float
 ) -> None:
+    """Nor does it matter that a charge above what may be is not known."""
     track, t = drive(600), np.arange(840.0)
     still = t >= 600
     columns = {name: np.append(values, np.full(240, values[-1])) for name, values in track.columns.items()}
     columns["speed"][still], columns["battery_power"][still] = 0.0, power
     columns["soc"] = 0.8 - 4e-6 * np.minimum(t, 600) + rate * np.maximum(t - 600, 0)
+    columns["soc"][columns["soc"] > full] = np.nan
     b = block(Trajectory("T", (t * 1e6).astype(np.int64), columns), 0, None, TRUCK)
     c = cut(b, 10.0)
     known = np.isfinite(_recorded(c, "soc", 3600.0 * TRUCK.battery.capacity_wh, 0.5))
@@ -393,16 +395,17 @@ def test_what_is_near_a_junction_alone_is_no_stretch_of_road(at: int, near: floa
 
 
 @pytest.mark.parametrize(
-    ("term", "cells", "beside"),
+    ("term", "large", "beside"),
     [
-        ("grade", [0], True), ("grade", [0, 4], True), ("grade", [0, 2], False), ("grade", [0, 1], False),
-        ("waiting", [0], False),
+        ("grade", {0: 0.02}, True), ("grade", {0: 0.02, 4: 0.02}, True), ("grade", {0: 0.02, 2: 0.02}, False),
+        ("grade", {0: 0.02, 2: 0.0075}, True), ("grade", {0: 0.02, 1: 0.02}, False), ("waiting", {0: 1.0}, False),
     ],
 )  # fmt: skip
-def test_a_field_beside_junctions_alone_is_none(term: str, cells: list[int], beside: bool) -> None:
+def test_a_field_beside_junctions_alone_is_none(term: str, large: dict[int, float], beside: bool) -> None:
     """Of five cells of 8 m some stand out; waits often are where roads meet."""
     stretches = make_stretches(network())
-    deviation = np.where(np.isin(np.arange(len(stretches)), cells), 0.02, 0.003)
+    deviation = np.full(len(stretches), 0.003)
+    deviation[list(large)] = list(large.values())
     passes = np.arange(len(stretches)) < 5
     channel = SimpleNamespace(cells=lambda _: stretches, passes=lambda _: passes)
     joint = SimpleNamespace(
