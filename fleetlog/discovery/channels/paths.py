@@ -183,10 +183,12 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     assert fleet.network is not None
     limit = np.nan_to_num(fleet.network.speed_limit, nan=np.inf)[motion.edge]
     motion = motion.replaced(speed=limit, time=motion.time + r.start, vehicle=np.full(len(motion), r.vehicle))
-    stops = [np.full(len(v.behind), bool(v.leg.stops)) for v in found]
+    stops = [b + node for v, b in zip(found, np.cumsum([0, *size]), strict=False) for node in v.leg.stops]
+    passage = np.cumsum(~inside | (np.diff(lanes.at(motion)[0], prepend=-1) != 0))
+    behind, astray = (np.concatenate(f) for f in ([v.behind for v in found], [v.astray for v in found]))
+    # Where a truck also stood for another, nobody knows what of it was a wait.
     behind, astray, queued = (
-        np.bincount(of, np.concatenate(flags), count) > 0
-        for flags in ([v.behind for v in found], [v.astray for v in found], stops)
+        np.bincount(of, flags, count) > 0 for flags in (behind, astray, np.isin(passage, passage[stops]))
     )
     metres = np.asarray(np.bincount(of, step, count), dtype=np.float64)
     middle = np.searchsorted(of, np.arange(count)) + np.bincount(of) // 2
