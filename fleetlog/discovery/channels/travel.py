@@ -286,8 +286,11 @@ class TravelChannel(Channel):
         """Yield what the time lost is told from."""
         for u in units:
             about = self.about(u.own, model)
-            waits = np.maximum(about.waits - u.own.standing, 0.0)
-            yield u.own, u.whole & ~u.own.behind, u.windows.trip, waits, about.seconds
+            # Trucks wait here or there on a road: what they stood on it is part of its waits.
+            road = np.cumsum(np.diff(u.own.motion.edge, prepend=-1) != 0)
+            wait, stood = (np.bincount(road, v) for v in (about.waits, u.own.standing))
+            left = about.waits * np.maximum(1.0 - stood / np.maximum(wait, 1e-9), 0.0)[road]
+            yield u.own, u.whole & ~u.own.behind, u.windows.trip, left, about.seconds
 
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load and modelled time of every window: what makes two passes alike."""

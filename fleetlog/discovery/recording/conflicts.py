@@ -26,7 +26,7 @@ CLOSE = 3.0  # A driver heeds a truck that passes the crossing so soon after him
 ALONG, AGAINST = 0.7, -0.7
 """Cosine of the angle between two courses above which one follows, below which they meet head-on."""
 RELEASE = 6.0  # Whoever waits for another sets off so soon after the way is free [s]
-FARTHEST = 60.0  # No truck is heeded from farther away [m]
+NEAR = 16.0  # Whoever stands for another is so near the place that it leaves: half a junction, a truck [m]
 PASSING = 2.0  # Who is at a place for longer stands there [s]
 PURPOSE = 90.0  # A longer standstill has a purpose of its own [s]
 LOAD, LIFT = 25.0, 0.08  # Change of payload [kg] and fork height [m] that show a purpose
@@ -176,7 +176,7 @@ def _held(n: _Nodes, begin: Ints, i: Ints, freed: Floats) -> Mask:
     order = np.argsort(i, kind="stable")
     i, begin, freed = i[order], begin[order], freed[order]
     for node in np.flatnonzero(n.leave - n.arrive > 0.0):
-        a, b = np.searchsorted(i, [node, np.searchsorted(n.way, n.way[node] + FARTHEST)])
+        a, b = np.searchsorted(i, [node, np.searchsorted(n.way, n.way[node] + NEAR)])
         out[node] = bool((freed[a:b][begin[a:b] <= node] > n.leave[node] - RELEASE).any())
     return out
 
