@@ -18,7 +18,7 @@ from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Finding, Parameter, interval
 from fleetlog.discovery.search.forward import Search, on_bound, search
 from fleetlog.discovery.search.joint import Joint, covariance, errors, refit
-from fleetlog.discovery.search.judge import judge, strongest
+from fleetlog.discovery.search.judge import judge
 from fleetlog.discovery.search.problem import Noise, Problem
 from fleetlog.discovery.settings import Settings
 
@@ -100,12 +100,9 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     # Where nothing is told, there is no difference between before and after.
     before = refit(sample, found.base.model, untold, known=sums) if named else final
     beside = {h: refit(problem, final.model, [*kept, h], steps=1) for h in told if h.term is None}
-    fit, judged, rest = judge(
-        problem, before.model, final, {h: final.without(h) for h in named}, beside, asked.share
-    )
-    if best:
-        alone = refit(sample, found.base.model, best, steps=1, known=sums)
-        fit.p_value = strongest(problem, found.base, alone)
+    pair = [found.base, refit(sample, found.base.model, best, steps=1, known=sums)] if best else []
+    without = {h: final.without(h) for h in named}
+    fit, judged, rest = judge(problem, before.model, final, without, beside, pair, asked.share)
     values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
     findings = []
     for h in told:

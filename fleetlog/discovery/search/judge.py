@@ -24,14 +24,16 @@ FEWEST = 50  # Windows from which on a noise floor is told
 
 def judge(
     problem: Problem, before: Model, after: Joint, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
-    Joint], share: float = 1.0,
+    Joint], strongest: Sequence[Joint] = (), share: float = 1.0,
 ) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None]:  # fmt: skip
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
     ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
-    hides. The noise floor is measured on a ``share`` of the trips."""
-    channel, fits, models = problem.channel, [after, *beside.values()], [*without.values(), before]
-    energy, cluster, modelled, concealed, *others = _pooled(problem, fits, models)
-    others, left = [*others[2 * len(beside) : -1], *others[: 2 * len(beside) : 2]], energy - others[-1]
+    hides. ``strongest`` are two fits that differ by the hypothesis which says most; the noise floor is
+    measured on a ``share`` of the trips."""
+    channel, fits = problem.channel, [after, *beside.values(), *strongest]
+    energy, cluster, *pooled = _pooled(problem, fits, [*without.values(), before])
+    others = [*pooled[2 * len(fits) : -1], *pooled[2 : 2 + 2 * len(beside) : 2]]
+    modelled, concealed, left = *pooled[:2], energy - pooled[-1]
     if not len(energy) or not energy.any():
         reason = "too few trips to hold some out; record more"
         return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None
@@ -47,16 +49,11 @@ def judge(
         told[h] = Errors(channel.metric, error(one), error(two), chance)
     floor = _floor(problem, before, share)
     fit = ChannelFit(channel.name, channel.metric, error(left), error(new), floor and floor / size)
+    if strongest:
+        alone, hidden, other, more = pooled[2 + 2 * len(beside) : 2 * len(fits)]
+        effect, own = other + more - alone - hidden, channel.model_error * np.abs(alone)
+        fit.p_value = p_value(energy - alone - hidden, effect, cluster, own)
     return fit, told, error(new - concealed)
-
-
-def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
-    """Return the p-value of a hypothesis that was found on the training trips, on those held out."""
-    energy, cluster, modelled, concealed, *other = _pooled(problem, [base, joint], [])
-    if not len(energy):
-        return None
-    before, own = modelled + concealed, problem.channel.model_error * np.abs(modelled)
-    return p_value(energy - before, other[0] + other[1] - before, cluster, own)
 
 
 def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats = 0.0) -> float:

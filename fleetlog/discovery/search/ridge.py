@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.hypotheses.sources import Layout
@@ -116,20 +117,24 @@ def stiff(gram: Floats, prior: Prior) -> Floats:
     return out
 
 
-def solve(gram: Floats, moment: Floats, prior: Prior) -> Floats:
+def solve(gram: Floats, moment: Floats, prior: Prior, near: Floats | None = None) -> Floats:
     """Return the (k,) most probable steps, a strictly convex problem. By block principal pivoting (Judice and
     Pires 1994): all coefficients that break a condition change sides together; where that does not lessen
-    their number, only the last one does, and then no set comes twice."""
+    their number, only the last one does, and then no set comes twice. It begins with those on a bound that
+    are so of a solution ``near``."""
     h = stiff(gram, prior)
     b = moment + prior.precision * prior.centre
-    held = np.zeros(len(b), dtype=np.int8)
+    near = np.zeros(len(b)) if near is None else near
+    held = ((near >= prior.high).astype(np.int8) - (near <= prior.low)).astype(np.int8)
     fewest, patience = len(b) + 1, PATIENCE
     while True:
         free = held == 0
         beta = np.where(held < 0, prior.low, np.where(held > 0, prior.high, 0.0))
         if free.any():
-            right = b[free] - h[np.ix_(free, ~free)] @ beta[~free]
-            beta[free] = np.linalg.solve(h[np.ix_(free, free)], right)
+            right, inner = b[free] - h[np.ix_(free, ~free)] @ beta[~free], h[np.ix_(free, free)]
+            _, step, failed = dposv(inner, right)
+            # Products in single precision may have lost what makes them positive.
+            beta[free] = np.linalg.solve(inner, right) if failed else step
         slope = h @ beta - b
         new = np.where(free & (beta < prior.low), -1, np.where(free & (beta > prior.high), 1, held))
         new = np.where(held * slope > ROUNDING * np.diag(h), 0, new).astype(np.int8)
@@ -154,5 +159,6 @@ def cross_validated(n: Normal, prior: Prior) -> Fitted:
     """Fit on all folds, and on all but each."""
     gram, moment = n.gram.sum(axis=0), n.moment.sum(axis=0)
     beta = solve(gram, moment, prior)
-    losses = [n.loss(solve(gram - n.gram[k], moment - n.moment[k], prior), k) for k in range(len(n.square))]
-    return Fitted(beta, np.array(losses), prior.penalty(beta))
+    unseen = (solve(gram - g, moment - m, prior, beta) for g, m in zip(n.gram, n.moment, strict=True))
+    losses = np.array([n.loss(b, k) for k, b in enumerate(unseen)])
+    return Fitted(beta, losses, prior.penalty(beta))
