@@ -106,7 +106,7 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
     findings = []
     for h in told:
-        where, parameters = _where(problem, found, h, values, numbers)
+        where, parameters = _where(problem, found, h, values, numbers, beside)
         when = _classes(problem, beside[h]) if h in beside else _when(h)
         own = judged.get(h, Errors(fit.metric, fit.before, fit.after, fit.p_value))
         findings.append(_finding(problem, found, h, where, when, parameters, own))
@@ -189,14 +189,16 @@ def _numbers(joint: Joint, error: Floats) -> dict[Knob, Parameter]:
 
 
 def _values(problem: Problem, joint: Joint, known: Floats, h: Hypothesis) -> Values:
-    """A field with the error of every cell."""
-    assert h.physics is not None and h.term is not None
+    """A field with the error of every cell; without a term in watts, or as a share of the time."""
     own = [i for i, a in enumerate(joint.design.atoms) if a.owner == h]
     cells = problem.channel.cells(h.physics)
     basis = np.column_stack([p.weights for p in h.patterns]) if h.patterns else cells.root
     inner = known[np.ix_(own, own)]
     passes = problem.channel.passes(h.physics)
-    return Values(joint.model.fields[h.term], passes, basis, inner)
+    if h.term:
+        return Values(joint.model.fields[h.term], passes, basis, inner)
+    basis = UNIT["time" if problem.channel.name == "speed" else "moving"] * basis
+    return Values(basis @ joint.fitted.beta[own], passes, basis, inner)
 
 
 def _finding(
@@ -232,15 +234,13 @@ def _alternatives(found: Search, h: Hypothesis, gain: float | None) -> list[dict
 
 
 def _where(
-    problem: Problem, found: Search, h: Hypothesis, values: dict[str, Values], numbers: dict[Knob, Parameter]
-) -> tuple[dict[str, Any] | None, list[Parameter]]:
-    term = h.physics
-    if term is None:
-        if not h.places:
-            return None, []
-        return {"edges": [], "extent": fields.extent(problem.channel.cells(None).middle)}, []
+    problem: Problem, found: Search, h: Hypothesis, values: dict[str, Values], numbers: dict[Knob, Parameter],
+    beside: dict[Hypothesis, Joint],
+) -> tuple[dict[str, Any] | None, list[Parameter]]:  # fmt: skip
     if h.field or h.patterns:
-        return fields.told(problem.channel.cells(term), values[term.name], term, h)
+        own = beside.get(h)
+        v = values[h.term or ""] if own is None else _values(problem, own, covariance(problem, own), h)
+        return fields.told(problem.channel.cells(h.physics), v, h)
     out = [numbers[k] for k in h.knobs if k in numbers]
     for knob in h.shapes:
         p, now = knob.definition, found.joint.model.value(knob)

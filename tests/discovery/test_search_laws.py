@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, minimize
 from scipy.stats import kstest
 
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, lay_out
@@ -26,6 +26,36 @@ def test_the_bounded_fit_is_that_of_scipy(seed: int) -> None:
     wide = np.vstack([x, np.diag(np.sqrt(precision))])
     theirs = lsq_linear(wide, np.concatenate([y, np.sqrt(precision) * centre]), (low, high), tol=1e-12).x
     assert mine == pytest.approx(theirs, abs=1e-5)
+
+
+def test_a_fit_ends_where_columns_say_the_same_but_for_rounding() -> None:
+    """A load and its threshold beside hats of the temperature, as summed in single precision."""
+    upper = np.zeros((7, 7))
+    upper[np.triu_indices(7)] = [
+        1.3449475094676018, 16.88588237762451, 91.21730375289917, 77.32994270324707, 85.52609491348267,
+        89.92008399963379, 32.04487919807434, 216.37778663635254, 1321.2560806274414, 1033.1770248413086,
+        1008.1860504150391, 968.9255218505859, 310.79079246520996, 19497.683959960938, 4921.318084716797,
+        0.11008129268884659, 0.0, 0.0, 15124.888977050781, 3152.7272033691406, 0.001159606734290719, 0.0,
+        16398.607177734375, 6106.372467041016, 0.01199067103152629, 17939.291381835938, 2930.3615188598633,
+        6683.090194702148,
+    ]  # fmt: skip
+    moment = np.array([
+        -0.21355355810374022, -2.7446833848953247, 28.747121334075928, -71.03115838766098, -43.237844944000244,
+        72.19341364502907, -38.87527871131897,
+    ])  # fmt: skip
+    precision = np.array([1.0 / 3.6e7, 1e-6, *[1.0 / 30.0] * 5])
+    low, high = np.full(7, -np.inf), np.full(7, np.inf)
+    low[:2], high[:2] = (-766.1628165343691, -61.930689923715754), (5233.837183465631, 938.0693100762843)
+    gram = upper + np.triu(upper, 1).T
+    beta = solve(gram, moment, Prior(precision, np.zeros(7), low, high))
+    inner = gram + np.diag(precision)
+
+    def loss(x: np.ndarray) -> float:
+        return float(0.5 * x @ inner @ x - moment @ x)
+
+    best = minimize(loss, beta, jac=lambda x: inner @ x - moment, bounds=list(zip(low, high, strict=True)))
+    assert ((beta >= low) & (beta <= high)).all()
+    assert loss(beta) == pytest.approx(best.fun, rel=1e-6)
 
 
 def test_a_cross_validated_loss_is_that_of_fits_that_have_not_seen_the_fold() -> None:

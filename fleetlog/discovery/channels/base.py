@@ -82,7 +82,7 @@ class Channel(ABC):
     share: float | None = field(default=None, init=False)  # Of what is not held out, in a sample
     _laid: bool = field(default=False, init=False)
     _held: list[Unit] = field(default_factory=list, init=False)
-    _passes: dict[str, Ints] = field(default_factory=dict, init=False)
+    _passes: dict[str | None, Ints] = field(default_factory=dict, init=False)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_held": []}
@@ -233,11 +233,11 @@ class Channel(ABC):
         found = {n: knots_of(np.concatenate(v), n) for n, v in pooled.items()}
         return {n: k for n, k in found.items() if k}
 
-    def passes(self, term: Term) -> Ints:
-        """Return how many windows touch each value of a field, (C,)."""
-        if term.name not in self._passes:
-            self._passes[term.name] = np.sum(list(self.each(partial(_touched, self.cells(term)))), axis=0)
-        return self._passes[term.name]
+    def passes(self, term: Term | None) -> Ints:
+        """Return how many windows touch each value of a field, or of places (None), (C,)."""
+        if (name := term.name if term else None) not in self._passes:
+            self._passes[name] = np.sum(list(self.each(partial(_touched, self.cells(term)))), axis=0)
+        return self._passes[name]
 
 
 def lay(channels: Sequence[Channel], date: int) -> list[Any]:

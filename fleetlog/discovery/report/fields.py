@@ -11,8 +11,10 @@ from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import field_values
 from fleetlog.discovery.report.finding import NORMAL, Parameter, interval
 from fleetlog.physics.field import Field, stretches
+from fleetlog.physics.term import Parameter as Definition
 from fleetlog.physics.term import Term
 
+FREE = Definition("free", "", -np.inf, np.inf)  # What a place has of its own, in watts or a share of the time
 FEW = 3  # Windows that must touch a piece before it may be named
 DRAWS = 400  # Of the field, for what picking the largest of its values costs
 
@@ -51,8 +53,8 @@ def large(v: Values) -> Mask:
     return np.asarray(sure & (size >= LARGE * float(np.quantile(size[sure], 0.9))))
 
 
-def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, Any] | None, list[Parameter]]:
-    """Return where a field stands out (the contract's ``where``), and its size there as a number."""
+def told(cells: Cells, v: Values, h: Hypothesis) -> tuple[dict[str, Any] | None, list[Parameter]]:
+    """Return where a field stands out (the contract's ``where``), and the size of a term's as a number."""
     if v.deviation.size > len(cells):  # Vectors: their length, in their direction
         way = v.deviation.reshape(-1, 2)
         v = v.along(way / np.maximum(np.hypot(*way.T), 1e-12)[:, None])
@@ -60,9 +62,9 @@ def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, 
     even = bool(h.patterns) and not any(" m" in p.label for p in h.patterns)
     if not mask.any():
         mask = np.abs(v.deviation) >= LARGE * float(np.abs(v.deviation).max(initial=0.0))
-    rows = _merged(cells, v, mask, term) if isinstance(cells, Stretches) else []
+    rows = _merged(cells, v, mask, h.physics) if isinstance(cells, Stretches) else []
     where = {"edges": rows, "extent": extent(cells.middle[mask])}
-    return (None if even and not rows else where), [_size(cells, v, mask, term)]
+    return (None if even and not rows else where), [_size(cells, v, mask, h.physics)] if h.physics else []
 
 
 def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
@@ -103,13 +105,13 @@ def row(cells: Stretches, run: Indices, value: float, low: float, high: float) -
     }  # fmt: skip
 
 
-def _merged(cells: Stretches, v: Values, mask: Mask, term: Term) -> list[dict[str, Any]]:
-    first = term.parameters[0]
+def _merged(cells: Stretches, v: Values, mask: Mask, term: Term | None) -> list[dict[str, Any]]:
+    first, waits = (term.parameters[0], term.acts == "wait") if term else (FREE, False)
     zero = first.scaled(first.neutral)
     out = []
     for c in cells.runs(mask, np.sign(v.deviation), bridged=True):
         weight = np.maximum(v.samples[c], 1).astype(float)
-        weight = np.ones(len(c)) if term.acts == "wait" else weight / weight.sum()
+        weight = np.ones(len(c)) if waits else weight / weight.sum()
         own = weight @ v.basis[c]
         error = float(np.sqrt(max(own @ v.covariance @ own, 0.0)))
         n = interval(first, zero + float(weight @ v.deviation[c]), error, first.neutral)

@@ -17,6 +17,7 @@ from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.hypotheses.sources import Layout
 
 ROUNDING = 1e-9  # Of a step: what solving is not told from
+SINGLE = 1e-6  # Of a column's square: what its products, summed in single precision, are not known to
 PATIENCE = 3  # Changes of all at once that may fail to help; the result is the same for any number
 ENOUGH = 4096  # Windows that are multiplied at once
 Columns = NDArray[np.float32]
@@ -126,14 +127,13 @@ def solve(gram: Floats, moment: Floats, prior: Prior, near: Floats | None = None
     b = moment + prior.precision * prior.centre
     near = np.zeros(len(b)) if near is None else near
     held = ((near >= prior.high).astype(np.int8) - (near <= prior.low)).astype(np.int8)
-    fewest, patience = len(b) + 1, PATIENCE
+    fewest, patience, singly = len(b) + 1, PATIENCE, set[bytes]()
     while True:
         free = held == 0
         beta = np.where(held < 0, prior.low, np.where(held > 0, prior.high, 0.0))
         if free.any():
             right, inner = b[free] - h[np.ix_(free, ~free)] @ beta[~free], h[np.ix_(free, free)]
             _, step, failed = dposv(inner, right)
-            # Products in single precision may have lost what makes them positive.
             beta[free] = np.linalg.solve(inner, right) if failed else step
         slope = h @ beta - b
         new = np.where(free & (beta < prior.low), -1, np.where(free & (beta > prior.high), 1, held))
@@ -141,7 +141,13 @@ def solve(gram: Floats, moment: Floats, prior: Prior, near: Floats | None = None
         broken = np.flatnonzero(new != held)
         if not len(broken):
             return np.clip(beta, prior.low, prior.high)
-        fewest, patience = (len(broken), PATIENCE) if len(broken) < fewest else (fewest, patience - 1)
+        if len(broken) < fewest:
+            fewest, patience, singly = len(broken), PATIENCE, set()
+        elif (patience := patience - 1) < 0:
+            if held.tobytes() in singly:
+                # Columns say the same but for their rounding, so that products are not positive.
+                return solve(gram + np.diag(SINGLE * np.diag(gram)), moment, prior, near)
+            singly.add(held.tobytes())
         moved = broken if patience >= 0 else broken[-1:]
         held[moved] = new[moved]
 
