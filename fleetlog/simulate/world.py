@@ -151,7 +151,10 @@ def _roads(
     site: Site, track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck,
     physics: list[Physics], walks: Floats,
 ) -> Roads:  # fmt: skip
-    met = _met_on_spurs(track, ground, truck)
+    from fleetlog.simulate.kernels.geometry import meetings
+
+    on_spur = ground.owner >= len(track)
+    met = meetings(ground.x, ground.y, ground.z, ground.heading, ground.owner, on_spur, *half_box(truck))
     apart = np.append(j.conflicts, _spur_conflicts(track, j, doors, ground, met), axis=0)
     first, conflicts = between.conflict_lists(apart, len(track) + 2 * len(track.network) + len(doors))
     cap = np.concatenate([caps(site, track, p) for p in physics])
@@ -169,17 +172,9 @@ def _roads(
     )  # fmt: skip
 
 
-def _met_on_spurs(track: Track, g: Track, truck: Truck) -> Ints:
-    """(N, 2) samples of the ground, the second on a spur, where trucks would meet."""
-    from fleetlog.simulate.kernels.geometry import meetings
-
-    ask, skip = np.arange(len(g.x)) >= len(track.x), np.full(len(g.x), -1, np.int32)
-    return np.asarray(meetings(g.x, g.y, g.z, g.heading, g.owner, ask, *half_box(truck), skip))
-
-
 def _over(lane: Index, track: Track, g: Track, met: Ints) -> tuple[Floats, Floats]:
-    """(D,) metres along each spur between which a truck on it is over lane ``lane`` (D,), a sample kept to
-    both sides."""
+    """(D,) metres along each spur between which a truck on it is over lane ``lane`` (D,), by the samples of
+    the ground that trucks would meet on, ``met``: one of them kept to both sides."""
     spur = g.owner[met[:, 1]]
     which, at = spur - len(track), (met[:, 1] - g.first[spur]) * g.spacing[spur]
     length, over = g.length[len(track) :], g.owner[met[:, 0]] == lane[which]
@@ -190,7 +185,8 @@ def _over(lane: Index, track: Track, g: Track, met: Ints) -> tuple[Floats, Float
 
 
 def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], g: Track, met: Ints) -> Ints:
-    """(N, 2) resources that exclude each other because of a spur, but for those that lead onto its lane."""
+    """(N, 2) resources that exclude each other because of a spur, but for those that lead onto its lane;
+    ``met`` (P, 2) samples of the ground, the second on a spur."""
     samples, spurs = len(track.x), len(track) + 2 * len(track.network)
     resource = np.append(j.resource, g.owner[samples:] - len(track) + spurs).astype(np.int64)
     # b > a always, and spurs come last: b is the spur.

@@ -167,12 +167,12 @@ def test_who_has_turned_off_a_lane_is_in_nobodys_way_there(monkeypatch):
     door = int(np.flatnonzero(roads.door_crosses >= 0)[0])
     lane, crosses = roads.door_lane[door], roads.door_crosses[door]
     fleet.mode[0], fleet.door[0], fleet.piece[0] = Mode.ENTERING, door, lane
-    fleet.tail[lane], fleet.on[lane], fleet.crossed[crosses] = 0, 1, 0
+    fleet.tail[lane], fleet.on[lane], fleet.crossed[crosses], fleet.v[0] = 0, 1, 0, 1.0
     for name in ("drop", "release"):
         monkeypatch.setattr(lanes, name, getattr(lanes, name).py_func)
     found = []
     for at in (0.0, 0.5 * (roads.door_off[door] + roads.door_over[door]), roads.door_length[door]):
         fleet.spur[0] = at
-        lanes.clear_lanes.py_func(roads, fleet, 0)
+        lanes.end_spur.py_func(roads, fleet, 0)
         found.append((int(fleet.tail[lane]), int(fleet.on[lane]), int(fleet.crossed[crosses])))
     assert found == [(0, 1, 0), (-1, 0, 0), (-1, 0, -1)]

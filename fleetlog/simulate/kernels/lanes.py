@@ -249,32 +249,23 @@ def reach_door(r: Roads, f: Fleet, v: int) -> None:
 
 
 @inner
-def clear_lanes(r: Roads, f: Fleet, v: int) -> None:
-    """Give back the lanes beside a bay that the footprint of a truck on the spur has left."""
+def end_spur(r: Roads, f: Fleet, v: int) -> None:
+    """Give back the lanes beside a bay that the footprint has left; at the end of the spur stand in the bay,
+    or on the lane."""
     d, at, enters = f.door[v], f.spur[v], f.mode[v] == Mode.ENTERING
-    lane, c = r.door_lane[d], r.door_crosses[d]
-    if c >= 0 and f.crossed[c] == v and (at >= r.door_over[d] if enters else at <= r.door_onto[d]):
+    lane, c, end = r.door_lane[d], r.door_crosses[d], r.door_length[d] if enters else 0.0
+    there = abs(end - at) < NEAR and f.v[v] < REST
+    if c >= 0 and f.crossed[c] == v and (there or (at >= r.door_over[d] if enters else at <= r.door_onto[d])):
         f.crossed[c] = -1
-    if enters and f.piece[v] == lane and at >= r.door_off[d]:
+    if enters and f.piece[v] >= 0 and (there or at >= r.door_off[d]):
         drop(f, v, lane)
         f.on[lane] -= 1
         f.piece[v] = -1
         release(r, f, v, f.held_to[v] + 1)
-
-
-@inner
-def end_spur(r: Roads, f: Fleet, v: int) -> None:
-    """Stand in the bay, or on the lane, at the end of a spur; on the way there, leave the lanes beside it."""
-    d, enters = f.door[v], f.mode[v] == Mode.ENTERING
-    end = r.door_length[d] if enters else 0.0
-    there = abs(end - f.spur[v]) < NEAR and f.v[v] < REST
-    if there:
-        f.spur[v] = end
-    clear_lanes(r, f, v)
     if not there:
         return
     f.held[len(r.length) + 2 * len(r.clear) + d] -= 1
-    f.v[v], f.attention[v] = 0.0, True
+    f.spur[v], f.v[v], f.attention[v] = end, 0.0, True
     if enters:
         f.mode[v], f.entry[v], f.left[v] = Mode.PARKED, False, -1
     else:
