@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from fleetlog.core.arrays import Floats
+from fleetlog.physics.cycles import run
 from fleetlog.simulate.demand import Itineraries
 from fleetlog.simulate.occupancy import Occupancy, Policy
 from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed
@@ -20,11 +21,8 @@ DUE = 50  # Due tasks that a truck looks at
 def spur_times(world: World) -> Floats:
     """(D,) seconds on every spur, from rest to rest."""
     slow = min(world.trucks.kinds, key=creep_speed)
-    creep, drive = creep_speed(slow), slow.drive
-    ease = 1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration
-    length = np.array([d.length for d in world.doors])
-    short = length < 0.5 * creep**2 * ease
-    return np.where(short, np.sqrt(2.0 * length * ease), length / creep + 0.5 * creep * ease)
+    pace = creep_speed(slow), slow.drive.max_acceleration, slow.drive.max_deceleration
+    return np.array([sum(piece.duration for piece in run(d.length, *pace)) for d in world.doors])
 
 
 class Dispatcher(Occupancy):
@@ -95,9 +93,9 @@ class Dispatcher(Occupancy):
             self._handle(v, now, bring=job.stage == "bring")
         elif job.stage == "picking":
             job.stage = "loaded"
-            self.book.picked(v, now)
+            self.book.note(v, status="loaded", picked=now)
         elif job.stage == "dropping":
-            self.book.dropped(v, now)
+            self.book.note(v, status="done", dropped=now)
             job.since = now + (job.task.pause if job.task is not None else 0.0)
             job.task, job.stage = None, "idle"
         elif job.stage == "charge":
@@ -180,7 +178,7 @@ class Dispatcher(Occupancy):
             self._wait_for(v, self.working["drop"].tolist(), now)
             return
         self._to_place(v, target, "bring", now)
-        self.book.heads_for(v, target)
+        self.book.note(v, to_place=target)
 
     def _to_place(self, v: int, place: str, stage: str, now: float) -> None:
         bays, job = self.bays_of[place], self.jobs[v]

@@ -196,11 +196,11 @@ def _checked(track: Track, j: Junctions, bays: list[Bay], doors: list[Door], tru
     floor = track.z[track.first[[b.door.lane for b in bays]]]
     z = np.concatenate([track.z, floor, floor[bay[number]]])
     owner = np.concatenate([track.owner, pieces + np.arange(len(bays)), pieces + len(bays) + number])
-    start = samples + len(bays)
-    skip = np.full(len(x), -1, np.int32)
-    skip[start:] = np.array([d.lane for d in doors])[number]
-    pairs = meetings(x, y, z, heading, owner.astype(np.int32), skip >= 0, *half_box(truck), skip)
-    a, door = pairs[:, 0], number[np.maximum(pairs[:, 1] - start, 0)]
+    start, lane = samples + len(bays), np.array([d.lane for d in doors])
+    ask = np.arange(len(x)) >= start
+    a, b = meetings(x, y, z, heading, owner.astype(np.int32), ask, *half_box(truck)).T
+    beside = owner[a] != lane[number[b - start]]
+    a, door = a[beside], number[b[beside] - start]
     on_track, crossed = a < samples, owner[a] == near[door]
     safe = on_track & (j.resource[np.minimum(a, samples - 1)] < 0)
     parked = ~on_track & (a < start) & (owner[a] - pieces != bay[door])

@@ -50,8 +50,7 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
 
     lanes, owner = len(track.network), track.owner
     every = np.ones(len(owner), dtype=np.bool_)
-    skip = np.full(len(owner), -1, np.int32)
-    pairs = meetings(track.x, track.y, track.z, track.heading, owner, every, *half_box(truck), skip)
+    pairs = meetings(track.x, track.y, track.z, track.heading, owner, every, *half_box(truck))
     a, b = owner[pairs[:, 0]], owner[pairs[:, 1]]
     touched = np.zeros(len(owner), dtype=bool)
     touched[pairs[~_follow_each_other(track, a, b)].ravel()] = True

@@ -156,10 +156,10 @@ def _met(n: pd.DataFrame, half: tuple[float, float]) -> Ints:
     found = [np.zeros((0, 2), np.int64)]
     for begin in np.arange(n.alone.min(), n.alone.max() + 1e-3, WINDOW):
         own = n[(n.alone >= begin) & (n.alone < begin + 2.0 * WINDOW)]
-        flat, every, skip = np.zeros(len(own)), np.ones(len(own), bool), np.full(len(own), -1, np.int32)
         if len(own):
             boxes, trucks = own[["x", "y", "heading"]].to_numpy().T.copy(), own.truck.to_numpy(np.int32)
-            touch = meetings(boxes[0], boxes[1], flat, boxes[2], trucks, every, *half, skip)
+            flat, every = np.zeros(len(own)), np.ones(len(own), bool)
+            touch = meetings(boxes[0], boxes[1], flat, boxes[2], trucks, every, *half)
             found.append(own.index.to_numpy()[touch])
     return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
 

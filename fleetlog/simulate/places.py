@@ -176,6 +176,5 @@ def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Si
         # Who leaves as another comes makes room for it.
         together = np.cumsum(step[np.lexsort((step, time))])
         most[name] = max(most.get(name, 1), int(together.max(initial=1)))
-    more = {p.id: most.get(p.id, 1) for p in site.places if p.kind != "charge"}
-    places = (replace(p, plugs=max(p.plugs, more.get(p.id, p.plugs))) for p in site.places)
-    return replace(site, places=tuple(places))
+    seen = {p.id: 0 if p.kind == "charge" else most.get(p.id, 1) for p in site.places}
+    return replace(site, places=tuple(replace(p, plugs=max(p.plugs, seen[p.id])) for p in site.places))

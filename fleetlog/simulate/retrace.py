@@ -14,7 +14,7 @@ from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.legs import Leg, SpeedProfile, free_flow, joined, legs, speed_limits
-from fleetlog.physics.power import Physics, battery_power, cell_power
+from fleetlog.physics.power import Physics, battery_power, soc_change
 from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.simulate.record import rounded
 from fleetlog.simulate.state import creep_speed
@@ -145,11 +145,10 @@ class VehicleReplay:
         power = battery_power(motion, self.physics)
         # What a standing truck is charged with is taken over as recorded.
         power = np.where((motion.power < CHARGING) & (motion.speed == 0.0), motion.power, power)
-        truck = self.physics.at(fine[0]).actual_truck
-        cell = cell_power(power, truck).reshape(-1, steps).mean(axis=1)
-        used = np.cumsum(cell) * self.interval / (3600.0 * truck.battery.capacity_wh)
-        soc = np.clip(self.soc - np.concatenate([[0.0], used[:-1]]), 0.0, 1.0)
-        self.soc = float(np.clip(self.soc - used[-1], 0.0, 1.0))
+        dt, truck = np.full(len(fine), self.interval / steps), self.physics.at(fine[0]).actual_truck
+        change = soc_change(power, dt, truck).reshape(-1, steps).sum(axis=1)
+        soc = np.clip(self.soc + np.cumsum(np.append(0.0, change)), 0.0, 1.0)
+        self.soc, soc = float(soc[-1]), soc[:-1]
         mean = power.reshape(-1, steps).mean(axis=1)
         self._emit(trip, rows, self._motion(trip, rows, leave, arrival), mean, soc)
         if trip.leg is not None:

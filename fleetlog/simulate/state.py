@@ -62,6 +62,9 @@ class Roads(NamedTuple):
     door_crosses: Index
     door_low: Floats
     door_high: Floats
+    door_off: Floats  # (D,) metres along a spur from which on a truck is off the lane that it comes from
+    door_onto: Floats  # (D,) ... and from and up to which it is over the lane that the spur crosses
+    door_over: Floats
 
 
 class Limits(NamedTuple):
@@ -118,7 +121,7 @@ class Fleet(NamedTuple):
     last_out: Index
     asks: Index  # (E,) the truck for which others stop on a lane, -1: none
     ask_at: Floats  # (E,) where they stop for it [m]
-    crossed: Index  # (E,) the truck that crosses a lane on its way into a bay or out of it, -1: none
+    crossed: Index  # (E,) the truck that is to cross a lane, or does, on its way into a bay or out, -1: none
     walked: Mask  # (E,) whether people cross a lane now
     entry: Mask  # Whether a truck on the road has the ground of its bay reserved
     held: Index

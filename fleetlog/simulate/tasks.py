@@ -188,18 +188,11 @@ class TaskBook:
         self.lines[self.of[v]] |= {"vehicle_id": "", "status": "waiting", "assigned": NONE}
         self.of[v] = -1
 
-    def heads_for(self, v: int, place: str) -> None:
-        """Truck ``v`` brings its load to a place."""
-        self.lines[self.of[v]]["to_place"] = place
-
-    def picked(self, v: int, now: float) -> None:
-        """Truck ``v`` has its load."""
-        self.lines[self.of[v]] |= {"status": "loaded", "picked": now}
-
-    def dropped(self, v: int, now: float) -> None:
-        """Truck ``v`` has set its load down."""
-        self.lines[self.of[v]] |= {"status": "done", "dropped": now}
-        self.of[v] = -1
+    def note(self, v: int, **what: float | str) -> None:
+        """What became of the task of truck ``v``; it is rid of it when that is done."""
+        self.lines[self.of[v]] |= what
+        if what.get("status") == "done":
+            self.of[v] = -1
 
     def numbers(self, name: str) -> Floats:
         """A column; times [s] are negative where they have not come."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site, Zone
 from fleetlog.core.truck import Truck
@@ -151,7 +151,11 @@ def _roads(
     site: Site, track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck,
     physics: list[Physics], walks: Floats,
 ) -> Roads:  # fmt: skip
-    apart = np.append(j.conflicts, _spur_conflicts(track, j, doors, ground, truck), axis=0)
+    from fleetlog.simulate.kernels.geometry import meetings
+
+    on_spur = ground.owner >= len(track)
+    met = meetings(ground.x, ground.y, ground.z, ground.heading, ground.owner, on_spur, *half_box(truck))
+    apart = np.append(j.conflicts, _spur_conflicts(track, j, doors, ground, met), axis=0)
     first, conflicts = between.conflict_lists(apart, len(track) + 2 * len(track.network) + len(doors))
     cap = np.concatenate([caps(site, track, p) for p in physics])
     kinds = {"lane": np.int32, "crosses": np.int32}
@@ -159,22 +163,34 @@ def _roads(
         f"door_{name}": np.array([getattr(d, name) for d in doors], kinds.get(name, np.float64))
         for name in ("lane", "at", "length", "ahead", "crosses", "low", "high")
     }
+    _, off = _over(by_door["door_lane"], track, ground, met)
+    onto, over = _over(by_door["door_crosses"], track, ground, met)
     return Roads(
         track.first, track.spacing, track.length, track.slope, cap, walks.min(axis=0, initial=np.inf),
         run_in(cap, track, physics), j.clear, j.stop, j.capacity, track.swings, first, conflicts, **by_door,
+        door_off=off, door_onto=onto, door_over=over,
     )  # fmt: skip
 
 
-def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], g: Track, truck: Truck) -> Ints:
-    """(N, 2) resources that exclude each other because of a spur, but for those that lead onto its lane."""
-    from fleetlog.simulate.kernels.geometry import meetings
+def _over(lane: Index, track: Track, g: Track, met: Ints) -> tuple[Floats, Floats]:
+    """(D,) metres along each spur between which a truck on it is over lane ``lane`` (D,), by the samples of
+    the ground that trucks would meet on, ``met``: one of them kept to both sides."""
+    spur = g.owner[met[:, 1]]
+    which, at = spur - len(track), (met[:, 1] - g.first[spur]) * g.spacing[spur]
+    length, over = g.length[len(track) :], g.owner[met[:, 0]] == lane[which]
+    low, high, pad = length.copy(), np.zeros(len(lane)), g.spacing[len(track) :]
+    np.minimum.at(low, which[over], at[over])
+    np.maximum.at(high, which[over], at[over])
+    return np.maximum(low - pad, 0.0), np.minimum(high + pad, length)
 
+
+def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], g: Track, met: Ints) -> Ints:
+    """(N, 2) resources that exclude each other because of a spur, but for those that lead onto its lane;
+    ``met`` (P, 2) samples of the ground, the second on a spur."""
     samples, spurs = len(track.x), len(track) + 2 * len(track.network)
-    ask, skip = np.arange(len(g.x)) >= samples, np.full(len(g.x), -1, np.int32)
-    pairs = meetings(g.x, g.y, g.z, g.heading, g.owner, ask, *half_box(truck), skip)
     resource = np.append(j.resource, g.owner[samples:] - len(track) + spurs).astype(np.int64)
     # b > a always, and spurs come last: b is the spur.
-    a, b = resource[pairs].T
+    a, b = resource[met].T
     passed = np.append(np.zeros(spurs, dtype=bool), [d.passed for d in doors])
     keep = (a >= 0) & ~passed[a] & ~passed[b]
     found = between.unique_pairs(a[keep], b[keep])

@@ -9,9 +9,11 @@ Tasks are endless on both sides: to a random place, stand beside the road, to an
 
 ``free``   as published on grids: an agent goes to any neighbouring cell, on any side of the road, and into a cell that
            another leaves in the same step, whichever way that goes.  It vanishes when it arrives, anywhere.
-``lanes``  on the same map: it keeps to its lane, its places are the bays of the simulated site, with their doors, and it
-           keeps its cell while it turns in or out, with the cell of the opposite lane that it crosses on the way: its
-           footprint lies over it.  For that it pushes others away as for a cell that it goes to.  It does not follow
+``lanes``  on the same map: it keeps to its lane, its places are the bays of the simulated site, with their
+           doors.  It turns in or out in the time of a sharp truck at that door, rounded up or down to steps at
+           random so that the mean is right.  Meanwhile it keeps its cell, and the cell of the opposite lane that
+           it crosses on the way, as long as the truck keeps those lanes: until its footprint has left them.  For
+           that it pushes others away as for a cell that it goes to.  It does not follow
            round a corner into a cell that is being left: trucks of 3.0 by 1.2 m would overlap there (halfway both are
            within 0.2 m of the corner).  No other number is changed; it may still turn round within a crossing, and
            start and stop at once.
@@ -37,6 +39,7 @@ from simulated_sites import TRUCK, grid
 
 from fleetlog.simulate.dispatch import spur_times
 from fleetlog.simulate.engine import Settings, simulate
+from fleetlog.simulate.state import creep_speed
 from fleetlog.simulate.tasks import ENGAGE, Demand, random_visits
 from fleetlog.simulate.world import build_world
 from fleetlog.store import Dataset, DatasetWriter
@@ -44,6 +47,7 @@ from fleetlog.store.events import read_table
 
 PITCH, LIMIT, CELL = 60.0, 3.0, 4.0
 """Between crossings [m], speed limit [m/s], length of a truck with its gap [m]."""
+STEP = CELL / LIMIT  # Of PIBT [s]
 WARM_UP = 1.0 / 3.0
 """Of the time, before tasks are counted: all begin beside the road."""
 SHARP = replace(
@@ -161,7 +165,7 @@ class Agents:
 class LaneAgents(Agents):
     """PIBT on lanes and with footprints, between the bays of a simulated site: see above."""
 
-    def __init__(self, world, crossings: int, agents: int, stand: int, manoeuvre: int, seed: int) -> None:
+    def __init__(self, world, crossings: int, agents: int, stand: int, seed: int) -> None:
         super().__init__(crossings, 1, stand, seed)
         road, number = round(PITCH / CELL), {tuple(c): k for k, c in enumerate((self.at - 1).tolist())}
         size, everywhere = (crossings - 1) * road + 2, self.near
@@ -195,12 +199,19 @@ class LaneAgents(Agents):
             """The cell of the lane that a door crosses, else its own."""
             return cell(d.crosses, 0.5 * (d.low + d.high)) if d.crosses >= 0 else cell(d.lane, d.at)
 
-        ways = [[world.doors[d] for d in doors] for doors in world.ways.of_bay]
-        self.doors = [{cell(d.lane, d.at): across(d) for d in reversed(doors)} for doors in ways]
+        times, roads = spur_times(world), world.roads
+        creep = creep_speed(world.truck)
+        self._time, self._off = times / STEP, roads.door_off / creep / STEP
+        self._clear = np.minimum(times - roads.door_onto / creep, times) / STEP
+        self.doors = [
+            {cell(d.lane, d.at): (across(d), k) for k, d in ((k, world.doors[k]) for k in reversed(doors))}
+            for doors in world.ways.of_bay
+        ]
         self.bay = self.rng.permutation(len(self.doors))[:agents].tolist()
-        self._taken, self._manoeuvre = set(self.bay), manoeuvre
+        self._taken = set(self.bay)
         self.where, self._on, self._turns_in = [-1] * agents, [False] * agents, [False] * agents
         self.priority, self.away, self._busy = self.rng.random(agents), np.ones(agents, int), [0] * agents
+        self._keeps = [0] * agents  # A lane is given back when so many steps of a turn are left
         self.goal = [self._draw() for _ in range(agents)]
 
     def _draw(self) -> int:
@@ -216,15 +227,18 @@ class LaneAgents(Agents):
     def _come(self, v: int, taken: set[int]) -> None:
         far, doors = self.distance(self.goal[v]), self.doors[self.bay[v]]
         out = min(doors, key=lambda c: far[c])
-        if not taken & {out, doors[out]}:
+        across, door = doors[out]
+        if not taken & {out, across}:
             self._on[v], self.where[v] = True, out
-            self._turn(v, doors[out], inward=False)
-            taken |= {out, doors[out]}
+            self._turn(v, across, door, inward=False)
+            taken |= {out, across}
             self._taken.discard(self.bay[v])
 
-    def _turn(self, v: int, across: int, inward: bool) -> None:
+    def _turn(self, v: int, across: int, door: int, inward: bool) -> None:
         """Begin to turn in or out."""
-        self._turns_in[v], self._busy[v] = inward, self._manoeuvre
+        luck, back = self.rng.random(), self._off if inward else self._clear
+        self._turns_in[v], self._busy[v] = inward, int(self._time[door] + luck)
+        self._keeps[v] = self._busy[v] - int(back[door] + luck)
         self._across[across] = v
 
     def _stays(self, v: int) -> bool:
@@ -233,14 +247,14 @@ class LaneAgents(Agents):
 
     def _choose(self, v: int, pusher: int) -> bool:
         here = self.where[v]
-        across = self.doors[self.goal[v]].get(here)
+        across, door = self.doors[self.goal[v]].get(here, (None, -1))
         if across is None or here in self._next or across in self._next:
             return super()._choose(v, pusher)
         self._next[here] = self._next[across] = v
         self._chosen[v] = here
         other = self._now.get(across)
         if other in (None, v) or self._chosen.get(other, across) != across or self._choose(other, v):
-            self._turn(v, across, inward=True)
+            self._turn(v, across, door, inward=True)
             return False
         del self._next[here], self._chosen[v]
         if self._next[across] == v:
@@ -250,12 +264,16 @@ class LaneAgents(Agents):
     def _done(self, v: int, cell: int) -> bool:
         if self._busy[v] > 0:
             self._busy[v] -= 1
-            if self._busy[v] == 0:
-                self._across = {c: u for c, u in self._across.items() if u != v}
+            if self._busy[v] == self._keeps[v] or self._busy[v] == 0:
+                crossed = [c for c, u in self._across.items() if u == v]
+                for c in crossed:
+                    del self._across[c]
+                    # On the way in its own lane is the first that it leaves.
+                    self.where[v] = c if self._turns_in[v] else cell
             return self._busy[v] == 0 and self._turns_in[v]
-        across = self.doors[self.goal[v]].get(cell)
+        across, door = self.doors[self.goal[v]].get(cell, (None, -1))
         if across == cell or (across is not None and across not in self._next):
-            self._turn(v, across, inward=True)
+            self._turn(v, across, door, inward=True)
             self._next[across] = v
         return False
 
@@ -291,10 +309,10 @@ def ours(crossings: int, trucks: int, room: int, seconds: float, seed: int, truc
 
 def pibt(agents: Agents, trucks: int, seconds: float) -> float:
     """Tasks per agent and hour: two arrivals are one."""
-    step, early = CELL / LIMIT, 0
-    for k in range(round(seconds / step)):
+    early = 0
+    for k in range(round(seconds / STEP)):
         agents.step()
-        early = agents.arrivals if k * step < WARM_UP * seconds else early
+        early = agents.arrivals if k * STEP < WARM_UP * seconds else early
     return (agents.arrivals - early) / 2.0 / trucks / ((1.0 - WARM_UP) * seconds / 3600.0)
 
 
@@ -302,8 +320,8 @@ def compare(args: argparse.Namespace) -> list[tuple[float, ...]]:
     """A row a fleet: trucks, share of the cells, tasks per truck-hour of both PIBT, sharp and plain trucks."""
     rows, cells, fleets = [], Agents(args.crossings, 1, 1, 0).cells, [int(n) for n in args.trucks.split(",")]
     world = build_world(grid(args.crossings, args.crossings, PITCH), SHARP, 1, room=max(fleets))
-    turn, step, seconds = float(np.median(spur_times(world))), CELL / LIMIT, 60.0 * args.minutes
-    work, each = round((stand() + 2.0 * turn) / step), round(turn / step)
+    turn, seconds = float(np.mean(spur_times(world))), 60.0 * args.minutes
+    work, away = round(stand() / STEP), round((stand() + 2.0 * turn) / STEP)
     print(
         "| trucks | cells full | PIBT, free | PIBT, lanes | sharp | of lanes | plain | plain, in all | deadlocks |\n"
         + "|---" * 9
@@ -313,8 +331,8 @@ def compare(args: argparse.Namespace) -> list[tuple[float, ...]]:
         found: list[list[float]] = [[], [], [], []]
         count = 0
         for seed in range(1, args.seeds + 1):
-            found[0].append(pibt(Agents(args.crossings, n, work, seed), n, seconds))
-            kept = LaneAgents(world, args.crossings, n, work - 2 * each, each, seed)
+            found[0].append(pibt(Agents(args.crossings, n, away, seed), n, seconds))
+            kept = LaneAgents(world, args.crossings, n, work, seed)
             found[1].append(pibt(kept, n, seconds))
             for k, truck in ((2, SHARP), (3, TRUCK)):
                 rate, done = ours(args.crossings, n, max(fleets), seconds, seed, truck)

@@ -269,8 +269,8 @@ def test_a_task_that_is_given_back_keeps_its_number():
     book.give_back(0, same)
     book.assign(1, same, 9.0)
     book.assign(0, same, 10.0)
-    book.picked(1, 20.0)
-    book.dropped(1, 30.0)
+    book.note(1, status="loaded", picked=20.0)
+    book.note(1, status="done", dropped=30.0)
     book.give(Task(None, "gone", "drop0", 1.0, 0.0), LEFT_OUT)
     columns = book.columns(0)
     assert columns["vehicle_id"].strings() == ["b", "a", None]

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from laws import corners, overlap
 from simulated_sites import TRUCK, aisle, grid, place
 
 from fleetlog.simulate.junctions import GAP
+from fleetlog.simulate.kernels import lanes
 from fleetlog.simulate.kernels.gates import ask
 from fleetlog.simulate.state import Mode, Trucks, limits_of, new_fleet
 from fleetlog.simulate.tasks import Demand, Task
@@ -133,3 +135,44 @@ def test_who_crosses_a_lane_asks_for_both_lanes_or_for_neither():
     fleet.asks[lanes[1]] = -1
     ask.py_func(roads, fleet, 0, x, True)
     assert fleet.asks[lanes].tolist() == [0, 0]
+
+
+def test_lanes_beside_a_bay_are_kept_as_long_as_the_footprint_is_over_them():
+    """Laid out for every door anew, footprints at every 5 cm: none meets those on a lane given back."""
+    world = build_world(grid(3, 3, 60.0), TRUCK, 20)
+    roads, track = world.roads, world.track
+    for d in range(0, len(world.doors), len(world.doors) // 12):
+        door = world.doors[d]
+        at = np.linspace(0.0, door.length, len(door.path))
+        every = np.arange(0.0, door.length, 0.05)
+        spur = corners(*(np.interp(every, at, np.unwrap(c)) for c in door.path.T[:3]))
+        for lane, low, high in (
+            (door.lane, 0.0, roads.door_off[d]),
+            (door.crosses, roads.door_onto[d], roads.door_over[d]),
+        ):
+            if lane < 0:
+                continue
+            rows = slice(track.first[lane], track.first[lane + 1])
+            near = np.hypot(track.x[rows] - door.path[0, 0], track.y[rows] - door.path[0, 1]) < 12.0
+            others = corners(*(c[rows][near] for c in (track.x, track.y, track.heading)))
+            meets = np.array([any(overlap(box, other) for other in others) for box in spur])
+            assert meets.any() and not meets[(every < low) | (every > high)].any()
+            assert high - low < meets.sum() * 0.05 + 1.5, "but not much longer"
+
+
+def test_who_has_turned_off_a_lane_is_in_nobodys_way_there(monkeypatch):
+    world = build_world(grid(3, 3, 60.0), TRUCK, 5)
+    roads, pieces = world.roads, len(world.roads.length)
+    fleet = new_fleet(1, len(roads.clear), pieces, len(roads.conflict_first) - 1, 16)
+    door = int(np.flatnonzero(roads.door_crosses >= 0)[0])
+    lane, crosses = roads.door_lane[door], roads.door_crosses[door]
+    fleet.mode[0], fleet.door[0], fleet.piece[0] = Mode.ENTERING, door, lane
+    fleet.tail[lane], fleet.on[lane], fleet.crossed[crosses], fleet.v[0] = 0, 1, 0, 1.0
+    for name in ("drop", "release"):
+        monkeypatch.setattr(lanes, name, getattr(lanes, name).py_func)
+    found = []
+    for at in (0.0, 0.5 * (roads.door_off[door] + roads.door_over[door]), roads.door_length[door]):
+        fleet.spur[0] = at
+        lanes.end_spur.py_func(roads, fleet, 0)
+        found.append((int(fleet.tail[lane]), int(fleet.on[lane]), int(fleet.crossed[crosses])))
+    assert found == [(0, 1, 0), (-1, 0, 0), (-1, 0, -1)]

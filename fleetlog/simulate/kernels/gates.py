@@ -69,22 +69,31 @@ def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -
 
 
 @inner
+def is_clear(r: Roads, f: Fleet, lane: int, low: float, high: float, turning: bool, x: Limits) -> bool:
+    """Whether no truck on a lane is between ``low`` and ``high`` [m] or could not stop before ``low``; with
+    ``turning`` as far as it reaches on its way into a bay or out of it."""
+    u = f.tail[lane]
+    while u >= 0:
+        if f.s[u] <= high:
+            need, more = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + 0.6 * f.v[u], 0.0
+            if turning and (f.mode[u] == Mode.LEAVING or f.mode[u] == Mode.ENTERING):
+                more = max(r.door_ahead[f.door[u]] - 0.5 * x.length, 0.0)
+            if f.s[u] + more + need > low or f.held_to[u] > f.at[u]:
+                return False
+        u = f.ahead[u]
+    return True
+
+
+@inner
 def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the lane that the door crosses is clear, and nobody comes who could not stop before it."""
     d = f.door[v]
-    lane, low, high = r.door_crosses[d], r.door_low[d], r.door_high[d]
+    lane, low = r.door_crosses[d], r.door_low[d]
     if lane < 0:
         return True
     if f.crossed[lane] >= 0 or comes_in(r, f, lane, low, low, x):
         return False
-    u = f.tail[lane]
-    while u >= 0:
-        if f.s[u] <= high:
-            need = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + 0.6 * f.v[u]
-            if f.s[u] + need > low or f.held_to[u] > f.at[u]:
-                return False
-        u = f.ahead[u]
-    return True
+    return is_clear(r, f, lane, low, r.door_high[d], False, x)
 
 
 @inner
@@ -92,27 +101,14 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the lane that a truck backs out onto is clear, also of those behind who could not stop."""
     d = f.door[v]
     lane, at = r.door_lane[d], r.door_at[d]
-    rear = at - 0.5 * x.length - x.gap
+    low, ahead = at - x.length - x.gap, at + r.door_ahead[d] + 0.3
     if is_safe_lane(r, lane) and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
         return False
-    if comes_in(r, f, lane, at, rear - 0.5 * x.length, x):
+    if comes_in(r, f, lane, at, low, x) or not is_clear(r, f, lane, low, ahead + 0.5 * x.length, True, x):
         return False
-    u = f.tail[lane]
-    while u >= 0:
-        if f.s[u] >= at:
-            if f.s[u] - 0.5 * x.length < at + r.door_ahead[d] + 0.3:
-                return False
-        else:
-            need = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + 0.6 * f.v[u]
-            reach = 0.5 * x.length
-            if f.mode[u] == Mode.LEAVING or f.mode[u] == Mode.ENTERING:
-                reach = max(reach, r.door_ahead[f.door[u]])
-            if f.s[u] + reach + need > rear or f.held_to[u] > f.at[u]:
-                return False
-        u = f.ahead[u]
     out = f.last_out[lane]
     if out >= 0 and f.left[out] == lane and f.left_by[out] < x.length + f.left_hold[out] and f.s[v] > 0.0:
-        return r.length[lane] - 0.5 * x.length + f.left_by[out] >= at + r.door_ahead[d] + 0.3
+        return r.length[lane] - 0.5 * x.length + f.left_by[out] >= ahead
     return True
 
 

@@ -116,11 +116,9 @@ def cells_near(c: Cells, x: float, y: float) -> Any:
 
 @kernel()
 def meetings(
-    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: Mask, half_l: float,
-    half_w: float, skip: Index,
-) -> Any:  # fmt: skip
-    """Pairs (a, b), a < b, of samples of different owners whose boxes meet, at least one of them in ``ask``;
-    those pass over the owner ``skip`` (N,), -1 where they pass over none."""
+    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: Mask, half_l: float, half_w: float
+) -> Any:
+    """Pairs (a, b), a < b, of samples of different owners whose boxes meet, at least one in ``ask``."""
     c = new_cells(x, y, 2.0 * np.sqrt(half_l * half_l + half_w * half_w), len(x))
     put(c, np.column_stack((x, y, heading)), owner, owner)
     cos, sin = np.cos(heading), np.sin(heading)
@@ -132,7 +130,7 @@ def meetings(
                 b = c.head[r * int(c.shape[3]) + q]
                 while b >= 0:
                     dx, dy, dz = x[b] - x[a], y[b] - y[a], abs(z[b] - z[a])
-                    counts = (not ask[b] or b > a) and owner[a] != owner[b] != skip[a] and dz <= 2.5
+                    counts = (not ask[b] or b > a) and owner[a] != owner[b] and dz <= 2.5
                     if counts and boxes_meet(dx, dy, cos[a], sin[a], cos[b], sin[b], half_l, half_w):
                         if n == len(out):
                             out = np.concatenate((out, np.empty_like(out)))

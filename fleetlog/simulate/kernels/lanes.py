@@ -250,22 +250,23 @@ def reach_door(r: Roads, f: Fleet, v: int) -> None:
 
 @inner
 def end_spur(r: Roads, f: Fleet, v: int) -> None:
-    """Stand in the bay, or on the lane, at the end of a spur."""
-    d, enters = f.door[v], f.mode[v] == Mode.ENTERING
-    rest = r.door_length[d] - f.spur[v] if enters else f.spur[v]
-    if rest >= NEAR or f.v[v] >= REST:
-        return
-    f.held[len(r.length) + 2 * len(r.clear) + d] -= 1
-    if r.door_crosses[d] >= 0:
-        f.crossed[r.door_crosses[d]] = -1
-    f.v[v], f.attention[v] = 0.0, True
-    if enters:
-        lane = r.door_lane[d]
+    """Give back the lanes beside a bay that the footprint has left; at the end of the spur stand in the bay,
+    or on the lane."""
+    d, at, enters = f.door[v], f.spur[v], f.mode[v] == Mode.ENTERING
+    lane, c, end = r.door_lane[d], r.door_crosses[d], r.door_length[d] if enters else 0.0
+    there = abs(end - at) < NEAR and f.v[v] < REST
+    if c >= 0 and f.crossed[c] == v and (there or (at >= r.door_over[d] if enters else at <= r.door_onto[d])):
+        f.crossed[c] = -1
+    if enters and f.piece[v] >= 0 and (there or at >= r.door_off[d]):
         drop(f, v, lane)
         f.on[lane] -= 1
-        if f.held_to[v] >= f.held_from[v]:
-            release(r, f, v, f.held_to[v] + 1)
-        f.mode[v], f.entry[v], f.spur[v] = Mode.PARKED, False, r.door_length[d]
-        f.piece[v], f.left[v] = -1, -1
+        f.piece[v] = -1
+        release(r, f, v, f.held_to[v] + 1)
+    if not there:
+        return
+    f.held[len(r.length) + 2 * len(r.clear) + d] -= 1
+    f.spur[v], f.v[v], f.attention[v] = end, 0.0, True
+    if enters:
+        f.mode[v], f.entry[v], f.left[v] = Mode.PARKED, False, -1
     else:
-        f.mode[v], f.at[v], f.door[v], f.spur[v] = Mode.DRIVING, 0, f.goal[v], 0.0
+        f.mode[v], f.at[v], f.door[v] = Mode.DRIVING, 0, f.goal[v]

@@ -175,11 +175,9 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
             step = dt * (f.v[v] + 0.5 * f.a[v] * dt)
             f.v[v] = max(f.v[v] + f.a[v] * dt, 0.0)
             f.moved[v] += step
-            if m == Mode.ENTERING:
-                f.spur[v] = min(f.spur[v] + step, r.door_length[f.door[v]])
-                end_spur(r, f, v)
-            elif m == Mode.LEAVING:
-                f.spur[v] = max(f.spur[v] - step, 0.0)
+            if m == Mode.ENTERING or m == Mode.LEAVING:
+                spur = f.spur[v] + (step if m == Mode.ENTERING else -step)
+                f.spur[v] = min(max(spur, 0.0), r.door_length[f.door[v]])
                 end_spur(r, f, v)
             else:
                 f.s[v] += step
