@@ -13,6 +13,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
 from fleetlog.physics.motion import measured_channels, reconstruct
+from fleetlog.physics.motion.legs import speed_limits
 from fleetlog.simulate.doors import recorded_stands
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.simulate.state import DRIVER, PLAN
@@ -218,10 +219,7 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
 def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:
     """The truck with the typical speed, acceleration and braking of a recorded motion."""
     speed, change = motion.speed, motion.acceleration
-    # The last one holds off the roads, where the edge is -1.
-    signs = np.append(np.nan_to_num(site.roads().speed_limit, nan=np.inf), np.inf)
-    limit = np.minimum(signs[motion.edge], site.zone_limit(motion.x, motion.y))
-    limit = np.minimum(limit, truck.drive.max_speed)
+    limit = np.minimum(speed_limits(site, motion), truck.drive.max_speed)
     straight = (speed > 0.5) & (motion.dt > 0.0) & (np.abs(motion.curvature) < STRAIGHT)
     steady, slow = straight & (np.abs(change) < STEADY), straight & (speed < 0.8 * limit)
     asked = {

@@ -90,7 +90,7 @@ def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_wid
 @lru_cache(maxsize=4096)
 def _bow(ahead: float, left: float, turn: float) -> tuple[Floats, float]:
     """The way from the origin along x to ``ahead``, ``left`` [m], turned by ``turn`` [rad]."""
-    return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), 0.5 * SPACING)
+    return even([joined(np.zeros(2), 0.0, np.array([ahead, left]), turn)], 0.5 * SPACING)[0]
 
 
 class Stand(NamedTuple):
@@ -161,7 +161,7 @@ def _half_turn(start: Floats, end: Floats, heading: float) -> tuple[Floats, floa
     left = np.array([-arm[1], arm[0]])
     sign = 1.0 if left @ (np.cos(heading), np.sin(heading)) > 0.0 else -1.0
     angle = np.linspace(0.0, np.pi, 33)[:, None]
-    return even(middle + np.cos(angle) * arm + sign * np.sin(angle) * left, 0.5 * SPACING)
+    return even([middle + np.cos(angle) * arm + sign * np.sin(angle) * left], 0.5 * SPACING)[0]
 
 
 def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck) -> list[Door]:

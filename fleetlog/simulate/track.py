@@ -1,5 +1,6 @@
 """The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,17 +20,17 @@ WIDEST_SHIFT = 1.5  # A lane is never farther than this from the centre line [m]
 
 
 def shifted(points: Floats, left: float) -> Floats:
-    """The (n, 2) polyline moved ``left`` metres to its left, corners mitred."""
+    """The polyline (n, 2) or (n, 3) moved ``left`` metres to its left, corners mitred; heights stay."""
     if left == 0.0:
         return points
-    step = np.diff(points, axis=0)
+    step = np.diff(points[:, :2], axis=0)
     step = step / np.maximum(np.linalg.norm(step, axis=1), 1e-12)[:, None]
     normal = np.column_stack([-step[:, 1], step[:, 0]])
     at = np.concatenate([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
     size = np.linalg.norm(at, axis=1)
     at = at / np.maximum(size, 1e-9)[:, None]
     mitre = np.concatenate([[1.0], 2.0 / np.maximum(size[1:-1], 1.0), [1.0]])
-    return np.asarray(points + left * mitre[:, None] * at)
+    return np.column_stack([points[:, :2] + left * mitre[:, None] * at, points[:, 2:]])
 
 
 def simplified(points: Floats) -> Floats:
@@ -87,20 +88,31 @@ def joined(start: Floats, out: float, end: Floats, into: float) -> Floats:
     return np.asarray((1 - u) ** 3 * start + 3 * u * (1 - u) ** 2 * p1 + 3 * u**2 * (1 - u) * p2 + u**3 * end)
 
 
-def even(points: Floats, spacing: float) -> tuple[Floats, float]:
-    """(n, 4) x, y, heading, curvature evenly, at most ``spacing`` [m] apart, along a polyline; its length."""
-    x, y = simplified(points).T
-    dx, dy = np.diff(x), np.diff(y)
-    along = np.concatenate([[0.0], np.cumsum(np.sqrt(dx * dx + dy * dy))])
-    chord = np.arctan2(dy, dx)
-    chord[1:] -= 2.0 * np.pi * np.cumsum(np.round(np.diff(chord) / (2.0 * np.pi)))
-    length = max(float(along[-1]), 1e-3)
-    n = max(2, int(np.ceil(length / spacing)) + 1)
-    s = np.arange(n) * (length / (n - 1))
+def even(lines: Sequence[Floats], spacing: float) -> list[tuple[Floats, float]]:
+    """(n, 4) x, y, heading, curvature evenly, at most ``spacing`` [m] apart, along each polyline; its length.
+    They are laid out at once, one behind the other and 1 m apart."""
+    points, of = np.concatenate(lines), np.repeat(np.arange(len(lines)), [len(line) for line in lines])
+    # Vertices that repeat the one before say nothing of the direction.
+    kept = np.append(True, (np.hypot(*np.diff(points, axis=0).T) > 1e-6) | (np.diff(of) > 0))
+    kept |= np.append(np.diff(of) > 0, True) & (np.bincount(of, kept) < 2)[of]
+    (x, y), of = points[kept].T, of[kept]
+    dx, dy, same = np.diff(x), np.diff(y), np.diff(of) == 0
+    along = np.concatenate([[0.0], np.cumsum(np.where(same, np.sqrt(dx * dx + dy * dy), 1.0))])
+    first = np.searchsorted(of, np.arange(len(lines) + 1))
+    begin, end = along[first[:-1]], along[first[1:] - 1]
     # A chord's direction is that of the curve at its middle.
-    heading = np.interp(s, 0.5 * (along[:-1] + along[1:]), chord)
-    curvature = np.gradient(heading, length / (n - 1))
-    return np.column_stack([np.interp(s, along, x), np.interp(s, along, y), heading, curvature]), length
+    middle, chord = (0.5 * (along[:-1] + along[1:]))[same], np.unwrap(np.arctan2(dy, dx)[same])
+    chords = first - np.arange(len(first))
+    length = np.maximum(end - begin, 1e-3)
+    count = np.maximum(2, np.ceil(length / spacing).astype(np.int64) + 1)
+    at, gap, row = np.repeat(np.arange(len(lines)), count), length / (count - 1), np.cumsum(count) - count
+    k = np.arange(len(at)) - row[at]
+    s = np.minimum(begin[at] + k * gap[at], end[at])
+    heading = np.interp(np.clip(s, middle[chords[:-1]][at], middle[chords[1:] - 1][at]), middle, chord)
+    low, high = row[at] + np.maximum(k - 1, 0), row[at] + np.minimum(k + 1, count[at] - 1)
+    curvature = (heading[high] - heading[low]) / ((high - low) * gap[at])
+    samples = np.column_stack([np.interp(s, along, x), np.interp(s, along, y), heading, curvature])
+    return list(zip(np.split(samples, row[1:]), length.tolist(), strict=True))
 
 
 def moved(shape: Floats, x: float, y: float, heading: float) -> Floats:
@@ -176,14 +188,14 @@ def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track
     shift = lane_shift(network, truck, traffic)
     radius = truck.chassis.turn_radius
     before, after = _trims(network, radius, np.abs(shift))
-    shapes = []
-    for e in range(len(network)):
-        points = simplified(cut(network.polyline(e)[:, :2], before[e], after[e]))
-        shapes.append(even(rounded(shifted(points, shift[e]), radius), SPACING))
+    roads = (network.polyline(e)[:, :2] for e in range(len(network)))
+    lines = (simplified(stretch(*one)) for one in zip(roads, before, -after, strict=True))
+    lanes = (rounded(shifted(line, left), radius) for line, left in zip(lines, shift, strict=True))
+    shapes = even([*lanes], SPACING)
     owner = np.repeat(np.arange(len(network)), np.diff(network.next_first)).astype(np.int32)
-    for a, b in zip(owner, network.next_edges, strict=True):
-        start, end = shapes[a][0][-1], shapes[b][0][0]
-        shapes.append(even(joined(start[:2], start[2], end[:2], end[2]), SPACING))
+    ends = ((shapes[a][0][-1], shapes[b][0][0]) for a, b in zip(owner, network.next_edges, strict=True))
+    turns = [joined(a[:2], a[2], b[:2], b[2]) for a, b in ends]
+    shapes += even(turns, SPACING) if turns else []
     none = np.full(len(network), -1, np.int32)
     source, target = np.concatenate([none, owner]), np.concatenate([none, network.next_edges])
     return assemble(network, shapes, source, target, np.arange(len(shapes), dtype=np.int32))
@@ -229,10 +241,11 @@ def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floa
     return before * share, after * share
 
 
-def cut(points: Floats, before: float, after: float) -> Floats:
-    """The (n, 2) polyline without its first and last metres."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    low, high = before, max(along[-1] - after, before + 1e-3)
-    inside = points[(along > low + 1e-6) & (along < high - 1e-6)]
-    ends = [[np.interp(s, along, points[:, k]) for k in (0, 1)] for s in (low, high)]
-    return np.concatenate([np.array(ends[:1]), inside, np.array(ends[1:])])
+def stretch(points: Floats, start: float, end: float) -> Floats:
+    """The part of a polyline (n, k) between two distances [m] along it; a negative ``end`` from its end."""
+    run = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    start, end = max(start, 0.0), end if end >= 0.0 else end + run[-1]
+    end = min(max(end, start + 1e-3), float(run[-1]))
+    start = min(start, end - 1e-3)
+    at = np.concatenate([[start], run[(run > start) & (run < end)], [end]])
+    return np.column_stack([np.interp(at, run, c) for c in points.T])
