@@ -55,8 +55,7 @@ class BayMaker:
     def place(self, place: Place) -> Bay | None:
         """Where recorded trucks stood; else the nearest free ground, best one both lanes lead to; or None."""
         if (stand := self.stands.get(place.id)) is not None:
-            near = self.lanes_near(stand.x, stand.y)
-            door = door_beside(self.track, self.junctions, self.truck, stand, near)
+            door = door_beside(self.track, self.junctions, self.truck, stand, self.lanes_near(*stand[:2]))
             if door is not None:
                 self.bays.append(Bay(place, door, stand.turns))
                 return self.bays[-1]
@@ -144,7 +143,7 @@ def _into(radius: float, deep: float, side: float) -> tuple[Floats, float]:
     """The way into a bay ``deep`` m to one side, from the origin and heading along x."""
     bow = arc(np.array([radius, 0.0]), np.array([1.0, 0.0]), side * np.pi / 2.0, radius)
     points = np.concatenate([bow, [[radius, side * deep]]]) if deep > radius + 1e-3 else bow
-    return even([points], 0.5 * SPACING)[0]
+    return even(points, 0.5 * SPACING)
 
 
 def _offsets(t: Track, lane: int) -> tuple[Floats, Floats]:
@@ -221,8 +220,7 @@ def auto_places(
         low, high = span(maker.track, maker.junctions, lane)
         n = int(max(high - low, 0.0) / pitch)
         centres = low + (np.arange(n) + 0.5) / max(n, 1) * (high - low)
-        reached = maker.from_both(lane, centres, radius).tolist()
-        for i, (at, both) in enumerate(zip(centres.tolist(), reached, strict=True)):
+        for i, (at, both) in enumerate(zip(centres, maker.from_both(lane, centres, radius), strict=True)):
             # First those that both lanes of a road lead to; of these the middle of a lane, then its quarters
             # ..., by the binary digits mirrored (van der Corput): a few bays lie spread over all roads.
             spread = int(f"{i:b}"[::-1], 2) / 2 ** i.bit_length()

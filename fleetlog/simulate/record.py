@@ -205,10 +205,8 @@ class Recorder:
             codes = whole[:, k].ravel()
             columns[name] = np.where(codes == NULL, np.nan, codes / 10.0 ** DIGITS[name])
         # Only the names of edges that occur: dictionaries stay small.
-        edge, seen = whole[:, -2].ravel(), np.zeros(len(self.edges), dtype=np.bool_)
-        seen[edge] = True
-        number, used = np.cumsum(seen, dtype=np.int32) - 1, np.flatnonzero(seen).tolist()
-        columns["edge_id"] = Labels(number[edge], tuple(self.edges[i] for i in used))
+        used, edge = np.unique(whole[:, -2], return_inverse=True)
+        columns["edge_id"] = Labels(edge.ravel().astype(np.int32), tuple(self.edges[i] for i in used))
         columns["trip_id"] = whole[:, -1].ravel().astype(np.int64)
         time = np.tile(self.start + (before + np.arange(rows)) * self.interval, trucks)
         names = self.names[group * TOGETHER :][:trucks]

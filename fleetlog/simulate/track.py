@@ -1,8 +1,7 @@
 """The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -88,31 +87,26 @@ def joined(start: Floats, out: float, end: Floats, into: float) -> Floats:
     return np.asarray((1 - u) ** 3 * start + 3 * u * (1 - u) ** 2 * p1 + 3 * u**2 * (1 - u) * p2 + u**3 * end)
 
 
-def even(lines: Sequence[Floats], spacing: float) -> list[tuple[Floats, float]]:
-    """(n, 4) x, y, heading, curvature evenly, at most ``spacing`` [m] apart, along each polyline; its length.
-    They are laid out at once, one behind the other and 1 m apart."""
-    points, of = np.concatenate(lines), np.repeat(np.arange(len(lines)), [len(line) for line in lines])
-    # Vertices that repeat the one before say nothing of the direction.
-    kept = np.append(True, (np.hypot(*np.diff(points, axis=0).T) > 1e-6) | (np.diff(of) > 0))
-    kept |= np.append(np.diff(of) > 0, True) & (np.bincount(of, kept) < 2)[of]
-    (x, y), of = points[kept].T, of[kept]
-    dx, dy, same = np.diff(x), np.diff(y), np.diff(of) == 0
-    along = np.concatenate([[0.0], np.cumsum(np.where(same, np.sqrt(dx * dx + dy * dy), 1.0))])
-    first = np.searchsorted(of, np.arange(len(lines) + 1))
-    begin, end = along[first[:-1]], along[first[1:] - 1]
+def even(points: Floats, spacing: float) -> tuple[Floats, float]:
+    """(n, 4) x, y, heading, curvature evenly, at most ``spacing`` [m] apart, along a polyline; its length."""
+    x, y = simplified(points).T
+    dx, dy = np.diff(x), np.diff(y)
+    along = np.concatenate([[0.0], np.cumsum(np.sqrt(dx * dx + dy * dy))])
+    chord = np.arctan2(dy, dx)
+    chord[1:] -= 2.0 * np.pi * np.cumsum(np.round(np.diff(chord) / (2.0 * np.pi)))
+    length = max(float(along[-1]), 1e-3)
+    n = max(2, int(np.ceil(length / spacing)) + 1)
+    s = np.arange(n) * (length / (n - 1))
     # A chord's direction is that of the curve at its middle.
-    middle, chord = (0.5 * (along[:-1] + along[1:]))[same], np.unwrap(np.arctan2(dy, dx)[same])
-    chords = first - np.arange(len(first))
-    length = np.maximum(end - begin, 1e-3)
-    count = np.maximum(2, np.ceil(length / spacing).astype(np.int64) + 1)
-    at, gap, row = np.repeat(np.arange(len(lines)), count), length / (count - 1), np.cumsum(count) - count
-    k = np.arange(len(at)) - row[at]
-    s = np.minimum(begin[at] + k * gap[at], end[at])
-    heading = np.interp(np.clip(s, middle[chords[:-1]][at], middle[chords[1:] - 1][at]), middle, chord)
-    low, high = row[at] + np.maximum(k - 1, 0), row[at] + np.minimum(k + 1, count[at] - 1)
-    curvature = (heading[high] - heading[low]) / ((high - low) * gap[at])
-    samples = np.column_stack([np.interp(s, along, x), np.interp(s, along, y), heading, curvature])
-    return list(zip(np.split(samples, row[1:]), length.tolist(), strict=True))
+    heading = np.interp(s, 0.5 * (along[:-1] + along[1:]), chord)
+    curvature = np.gradient(heading, length / (n - 1))
+    return np.column_stack([np.interp(s, along, x), np.interp(s, along, y), heading, curvature]), length
+
+
+@lru_cache(maxsize=4096)
+def bow(ahead: float, left: float, turn: float, spacing: float) -> tuple[Floats, float]:
+    """The way from the origin along x to ``ahead``, ``left`` [m], turned by ``turn`` [rad]; see ``even``."""
+    return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), spacing)
 
 
 def moved(shape: Floats, x: float, y: float, heading: float) -> Floats:
@@ -188,14 +182,18 @@ def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track
     shift = lane_shift(network, truck, traffic)
     radius = truck.chassis.turn_radius
     before, after = _trims(network, radius, np.abs(shift))
-    roads = (network.polyline(e)[:, :2] for e in range(len(network)))
-    lines = (simplified(stretch(*one)) for one in zip(roads, before, -after, strict=True))
-    lanes = (rounded(shifted(line, left), radius) for line, left in zip(lines, shift, strict=True))
-    shapes = even([*lanes], SPACING)
+    shapes = []
+    for e in range(len(network)):
+        points = simplified(stretch(network.polyline(e)[:, :2], before[e], -after[e]))
+        shapes.append(even(rounded(shifted(points, shift[e]), radius), SPACING))
     owner = np.repeat(np.arange(len(network)), np.diff(network.next_first)).astype(np.int32)
-    ends = ((shapes[a][0][-1], shapes[b][0][0]) for a, b in zip(owner, network.next_edges, strict=True))
-    turns = [joined(a[:2], a[2], b[:2], b[2]) for a, b in ends]
-    shapes += even(turns, SPACING) if turns else []
+    for a, b in zip(owner, network.next_edges, strict=True):
+        (x, y, heading, _), end = shapes[a][0][-1], shapes[b][0][0]
+        to = complex(end[0] - x, end[1] - y) * np.exp(-1j * heading)
+        turn = np.angle(np.exp(1j * (end[2] - heading)))
+        # Most junctions of a plant are alike, to a micrometre.
+        shape, length = bow(*np.round([to.real, to.imag, turn], 6).tolist(), SPACING)
+        shapes.append((moved(shape, x, y, heading), length))
     none = np.full(len(network), -1, np.int32)
     source, target = np.concatenate([none, owner]), np.concatenate([none, network.next_edges])
     return assemble(network, shapes, source, target, np.arange(len(shapes), dtype=np.int32))

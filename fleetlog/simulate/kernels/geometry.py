@@ -130,8 +130,7 @@ def meetings(
         for r in range(low, high):
             for q in range(left, right):
                 b = c.head[r * int(c.shape[3]) + q]
-                # The last ones of a cell come first: where all are asked, those before ``a`` have been.
-                while b > (a if everyone else -1):
+                while b > (a if everyone else -1):  # the last of a cell comes first
                     dx, dy, dz = x[b] - x[a], y[b] - y[a], abs(z[b] - z[a])
                     counts = (not ask[b] or b > a) and owner[a] != owner[b] != skip[a] and dz <= 2.5
                     if counts and boxes_meet(dx, dy, cos[a], sin[a], cos[b], sin[b], half_l, half_w):
