@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import SiteError
@@ -43,22 +43,19 @@ class BayMaker:
 
     def lanes_near(self, x: float, y: float) -> list[tuple[float, int, float]]:
         """(distance, lane, offset) of the lanes within reach of a point, nearest first."""
-        found: dict[int, tuple[float, float]] = {}
-        rows = np.asarray(self._lane_tree.query_ball_point((x, y), OFF_ROADS + 2.0), dtype=np.int64)
-        gaps = np.hypot(self.track.x[rows] - x, self.track.y[rows] - y)
-        for k in np.argsort(gaps, kind="stable"):
-            lane = int(self.track.owner[rows[k]])
-            if lane not in found and self.lasting[lane]:
-                at = (rows[k] - self.track.first[lane]) * self.track.spacing[lane]
-                found[lane] = (float(gaps[k]), float(at))
-        return sorted((gap, lane, at) for lane, (gap, at) in found.items())
+        t, rows = self.track, np.array(self._lane_tree.query_ball_point((x, y), OFF_ROADS + 2.0), np.int64)
+        rows = rows[self.lasting[t.owner[rows]]]
+        gaps = np.hypot(t.x[rows] - x, t.y[rows] - y)
+        order = np.argsort(gaps, kind="stable")
+        lanes, first = np.unique(t.owner[rows[order]], return_index=True)
+        k = order[first]
+        at = (rows[k] - t.first[lanes]) * t.spacing[lanes]
+        return sorted(zip(gaps[k].tolist(), lanes.tolist(), at.tolist(), strict=True))
 
     def place(self, place: Place) -> Bay | None:
         """Where recorded trucks stood; else the nearest free ground, best one both lanes lead to; or None."""
-        stand = self.stands.get(place.id)
-        if stand is not None:
-            near = self.lanes_near(stand.x, stand.y)
-            door = door_beside(self.track, self.junctions, self.truck, stand, near)
+        if (stand := self.stands.get(place.id)) is not None:
+            door = door_beside(self.track, self.junctions, self.truck, stand, self.lanes_near(*stand[:2]))
             if door is not None:
                 self.bays.append(Bay(place, door, stand.turns))
                 return self.bays[-1]
@@ -81,15 +78,15 @@ class BayMaker:
         put(self._ground, door.path, np.full_like(kind, -1), kind)
         return self.bays[-1]
 
-    def from_both(self, lane: int, centre: float, radius: float) -> bool:
+    def from_both(self, lane: int, centre: Floats | float, radius: float) -> Mask:
         """Whether a bay beside ``centre`` [m] can be reached from the opposite lane too, or there is none."""
         t, reverse = self.track, int(self.track.network.reverse[lane])
         if reverse < 0:
-            return True
-        on_road = np.interp(max(centre, 0.0), *_offsets(t, lane))
+            return np.ones(np.shape(centre), dtype=np.bool_)
+        on_road = np.interp(np.maximum(centre, 0.0), *_offsets(t, lane))
         at = np.interp(t.network.length[lane] - on_road, *_offsets(t, reverse)[::-1]) - radius
         low, high = span(t, self.junctions, reverse)
-        return bool(low + SPACING <= at <= high)
+        return np.asarray((low + SPACING <= at) & (at <= high))
 
     def _nearest(self, place: Place, near: list[tuple[float, int, float]], both: bool) -> Door | None:
         """The door that is nearest to the place, across the road and along it."""
@@ -222,12 +219,12 @@ def auto_places(
     for lane in np.flatnonzero(maker.lasting).tolist():
         low, high = span(maker.track, maker.junctions, lane)
         n = int(max(high - low, 0.0) / pitch)
-        for i in range(n):
-            at = low + (i + 0.5) / n * (high - low)
+        centres = low + (np.arange(n) + 0.5) / max(n, 1) * (high - low)
+        for i, (at, both) in enumerate(zip(centres, maker.from_both(lane, centres, radius), strict=True)):
             # First those that both lanes of a road lead to; of these the middle of a lane, then its quarters
             # ..., by the binary digits mirrored (van der Corput): a few bays lie spread over all roads.
             spread = int(f"{i:b}"[::-1], 2) / 2 ** i.bit_length()
-            spots.append((not maker.from_both(lane, at, radius), spread, lane, at))
+            spots.append((not both, spread, lane, at))
     made = 0
     for *_, lane, at in sorted(spots):
         if made >= wanted:

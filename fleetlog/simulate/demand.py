@@ -1,5 +1,6 @@
 """A fleet like a recording's: who carried what when, what trucks did next, how they were driven."""
 
+import itertools
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
@@ -13,6 +14,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
 from fleetlog.physics.motion import measured_channels, reconstruct
+from fleetlog.physics.motion.legs import speed_limits
 from fleetlog.simulate.doors import recorded_stands
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.simulate.state import DRIVER, PLAN
@@ -110,7 +112,8 @@ def like(
     notes = [f"{len(table)} places found from {len(stands)} recorded stops ({kinds})"]
     if turns:
         notes.append(f"trucks turn round at the end of {count(len(turns), 'lane')}, as recorded")
-    visits = visits_of(stands, cluster, names, [p.id for p in site.places if p.kind == "charge"])
+    chargers = [p.id for p in site.places if p.kind == "charge"]
+    visits = visits_of(stands, cluster, names, chargers, driven_edges(dataset, stands))
     if same and any(v.next >= 0 for v in visits):
         notes.append(f"trucks choose their next place as after {count(len(visits), 'recorded visit')}")
         along = recorded_stands(stands, cluster, names)
@@ -126,7 +129,9 @@ def like(
     return site, Demand(tasks, endless=False), notes
 
 
-def visits_of(stands: Stands, cluster: Ints, names: Sequence[str], apart: Iterable[str]) -> tuple[Visit, ...]:
+def visits_of(
+    stands: Stands, cluster: Ints, names: Sequence[str], apart: Iterable[str], ways: list[tuple[str, ...]]
+) -> tuple[Visit, ...]:
     """The visits of all trucks, by truck and time; none ``apart`` (chargers), none with a load that stays."""
     taken = np.where(stands.after > MIN_LOAD_CHANGE, stands.after - stands.before, 0.0)
     taken = np.where((stands.before > MIN_LOAD_CHANGE) & (taken <= 0.0), -stands.before, taken)
@@ -138,10 +143,22 @@ def visits_of(stands: Stands, cluster: Ints, names: Sequence[str], apart: Iterab
     return tuple(
         Visit(
             names[cluster[i]], float(begin[k]), float(stands.dwell[i]), float(stands.height[i]),
-            float(taken[i]), k + 1 if same[k] else -1,
+            float(taken[i]), k + 1 if same[k] else -1, ways[i],
         )
         for k, i in enumerate(kept)
     )  # fmt: skip
+
+
+def driven_edges(dataset: Dataset, stands: Stands) -> list[tuple[str, ...]]:
+    """Of every stand the edges over which the truck came from the one before."""
+    out: list[tuple[str, ...]] = [()] * len(stands)
+    for k, vehicle in enumerate(dataset.vehicles):
+        t = dataset.read(vehicle, columns=("edge_id",))
+        edge, mine = t.labels("edge_id"), np.flatnonzero(stands.vehicle == k).tolist()
+        for before, here in itertools.pairwise(mine):
+            low, high = np.searchsorted(t.time, (stands.end[before], stands.start[here]))
+            out[here] = tuple(edge.names[c] for c in np.unique(edge.codes[low:high]) if c >= 0)
+    return out
 
 
 def at_places(visits: Sequence[Visit], known: Collection[str]) -> tuple[Visit, ...]:
@@ -165,12 +182,12 @@ class Itineraries:
         drops = [v.taken < 0.0 for v in visits]
         self._any = {laden: [k for k, d in enumerate(drops) if d == laden] for laden in (False, True)}
         for visit in visits:
-            if visit.next >= 0 and drops[visit.next] == visit.loads:
-                self._after[visit.place, visit.loads].append(visit.next)
+            if visit.next >= 0 and drops[visit.next] == (visit.taken > 0.0):
+                self._after[visit.place, visit.taken > 0.0].append(visit.next)
 
     def first(self, v: int, is_open: Callable[[str], bool]) -> Visit | None:
         """Where truck ``v`` begins, and how long it still stays there."""
-        return self._draw(v, 0.0, [k for k in self._any[False] if not self.visits[k].loads], is_open)
+        return self._draw(v, 0.0, [k for k in self._any[False] if self.visits[k].taken <= 0.0], is_open)
 
     def next(self, v: int, now: float, is_open: Callable[[str], bool]) -> Visit | None:
         """The next visit of truck ``v``, ``now`` [s] after the start; None while no place of one is open."""
@@ -182,8 +199,8 @@ class Itineraries:
 
     def _options(self, v: int) -> list[int]:
         here = self.visits[self.of[v]] if self.of[v] >= 0 else None
-        found = self._after[here.place, here.loads] if here is not None else []
-        return found or self._any[here is not None and here.loads]
+        found = self._after[here.place, here.taken > 0.0] if here is not None else []
+        return found or self._any[here is not None and here.taken > 0.0]
 
     def _draw(self, v: int, now: float, options: list[int], is_open: Callable[[str], bool]) -> Visit | None:
         possible = np.array([k for k in options if is_open(self.visits[k].place)], dtype=np.int64)
@@ -218,10 +235,7 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
 def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:
     """The truck with the typical speed, acceleration and braking of a recorded motion."""
     speed, change = motion.speed, motion.acceleration
-    # The last one holds off the roads, where the edge is -1.
-    signs = np.append(np.nan_to_num(site.roads().speed_limit, nan=np.inf), np.inf)
-    limit = np.minimum(signs[motion.edge], site.zone_limit(motion.x, motion.y))
-    limit = np.minimum(limit, truck.drive.max_speed)
+    limit = np.minimum(speed_limits(site, motion), truck.drive.max_speed)
     straight = (speed > 0.5) & (motion.dt > 0.0) & (np.abs(motion.curvature) < STRAIGHT)
     steady, slow = straight & (np.abs(change) < STEADY), straight & (speed < 0.8 * limit)
     asked = {

@@ -154,7 +154,7 @@ class Dispatcher(Occupancy):
         visit, job = self._visit(v, now), self.jobs[v]
         if visit is None:
             return
-        if visit.loads:
+        if visit.taken > 0.0:
             load = min(visit.taken, self.trucks[v].chassis.rated_load)
             job.task = Task(None, visit.place, "", load, now, (visit.dwell, 0.0), (visit.height, 0.0), True)
             job.stage = "assigned"
@@ -188,7 +188,8 @@ class Dispatcher(Occupancy):
             return
         free = [b for b in bays if self.owner[b] < 0]
         if free:
-            self._go(v, min(free, key=lambda b: self._cost(v, b)) if free[1:] else free[0], stage)
+            own = self.itineraries.visits[self.itineraries.of[v]].way if self.itineraries else ()
+            self._go(v, min(free, key=lambda b: self._cost(v, b)) if free[1:] else free[0], stage, own)
         else:
             self._wait_for(v, bays, now)
 

@@ -4,7 +4,6 @@ Where recorded trucks stop along the road there is room beside them: no bay is d
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from fleetlog.core.site import Place
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.junctions import START, Junctions, half_box
 from fleetlog.simulate.places import Stands
-from fleetlog.simulate.track import SPACING, Track, even, joined, moved
+from fleetlog.simulate.track import SPACING, Track, bow, even, moved
 
 SHARES = (1.0, 0.7, 0.5)
 """Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
@@ -83,14 +82,8 @@ def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_wid
         return None
     toward = float(track.heading[k])
     turn = float(np.angle(np.exp(1j * (heading - toward))))
-    shape, length = _bow(round(ahead, 3), round(left, 3), round(turn, 4))
+    shape, length = bow(round(ahead, 3), round(left, 3), round(turn, 4), 0.5 * SPACING)
     return Door(lane, at, moved(shape, track.x[k], track.y[k], toward), length, ahead + half_width)
-
-
-@lru_cache(maxsize=4096)
-def _bow(ahead: float, left: float, turn: float) -> tuple[Floats, float]:
-    """The way from the origin along x to ``ahead``, ``left`` [m], turned by ``turn`` [rad]."""
-    return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), 0.5 * SPACING)
 
 
 class Stand(NamedTuple):

@@ -40,10 +40,10 @@ class EventLog:
         self.doing[:, changed], self.since[changed] = doing[:, changed], ms
         truck, way = holdings(self.dispatcher.world.roads, self.dispatcher.fleet)
         held = np.unique((truck * len(self.matters) + way)[self.matters[way]])
-        still = np.isin(self.held[0], held)
-        self._end_reservations(~still, ms)
+        _, before, still = np.intersect1d(self.held[0], held, assume_unique=True, return_indices=True)
         since = np.full(len(held), ms)
-        since[np.isin(held, self.held[0])] = self.held[1, still]
+        since[still] = self.held[1, before]
+        self._end_reservations(np.delete(self.held, before, axis=1), ms)
         self.held = np.array([held, since])
         if len(self._stretches) == KEPT:
             self._write()
@@ -52,7 +52,7 @@ class EventLog:
         """The end, at ``now`` [s]: what is still done and still held ends here."""
         d, book, ms = self.dispatcher, self.dispatcher.book, round(now * 1000.0)
         self._end_stretches(self.since < ms, ms)
-        self._end_reservations(self.held[1] < ms, ms)
+        self._end_reservations(self.held[:, self.held[1] < ms], ms)
         self._write()
         for status, tasks in ((LATER, d.pending), (LEFT_OUT, d.demand.left_out)):
             for task in tasks:
@@ -74,8 +74,9 @@ class EventLog:
             "pick": works & (f.hand_after > 0.0), "drop": works, "charge": f.mode == Mode.CHARGING,
             "battery_empty": f.mode == Mode.EMPTY, "wait": stands, "drive_laden": f.load > 0.0,
         }  # fmt: skip
-        codes = [NAMES.index(name) for name in first_of]
-        does = np.select(list(first_of.values()), codes, NAMES.index("drive_empty"))
+        does = np.full(len(parked), NAMES.index("drive_empty"))
+        for name, which in reversed(first_of.items()):
+            does[which] = NAMES.index(name)
         drives = does <= NAMES.index("drive_laden")
         place = self.place_of_door[np.where(drives & (f.goal >= 0), f.goal, f.door)]
         return np.array([does, place, d.book.of])
@@ -85,8 +86,7 @@ class EventLog:
         doing = (truck, *self.doing[:, truck], self.since[truck], np.full_like(truck, ms))
         self._stretches.append(np.array(doing))
 
-    def _end_reservations(self, of: Mask, ms: int) -> None:
-        ended = self.held[:, of]
+    def _end_reservations(self, ended: Ints, ms: int) -> None:
         self._reserved.append(np.array([*ended, np.full_like(ended[0], ms)]))
 
     def _write(self) -> None:

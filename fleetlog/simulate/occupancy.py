@@ -108,10 +108,12 @@ class Occupancy(Untangler):
         way = self.world.ways.between(int(self.home[v]), b)
         return np.inf if way is None else way.cost
 
-    def _go(self, v: int, b: int, stage: str) -> None:
-        f, home = self.fleet, int(self.home[v])
-        way = self.world.ways.between(home, b, self._closed()) or self.world.ways.between(home, b)
-        assert way is not None
+    def _go(self, v: int, b: int, stage: str, over: Sequence[str] = ()) -> None:
+        """Send a truck to bay ``b``, ``over`` some edges alone if they lead there."""
+        f, home, ways, shut = self.fleet, int(self.home[v]), self.world.ways, self._closed()
+        others = [k for edge, k in self.world.track.network.index.items() if edge not in over]
+        closed = [[*others, *shut], shut, ()] if over else [shut, ()]
+        way = next(way for c in closed if (way := ways.between(home, b, c)) is not None)
         self.owner[b], self.lacks[v] = v, 0
         self.wants.pop(v, None)
         self.jobs[v].stage, self.jobs[v].goal = stage, b

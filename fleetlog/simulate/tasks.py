@@ -53,7 +53,7 @@ class Task:
 class Visit:
     """A recorded truck stood at a place. ``begin`` time of day [s], ``dwell`` [s], ``height`` of the forks
     [m]; ``taken`` is the load that it took up there [kg], negative where it set one down; ``next`` is the
-    number of the visit that the same truck made after it, -1: none."""
+    number of the visit that the same truck made after it, -1: none; ``way``: edges over which it came."""
 
     place: str
     begin: float
@@ -61,11 +61,7 @@ class Visit:
     height: float
     taken: float
     next: int = -1
-
-    @property
-    def loads(self) -> bool:
-        """Whether the truck leaves with a load."""
-        return self.taken > 0.0
+    way: tuple[str, ...] = ()
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -19,17 +19,17 @@ WIDEST_SHIFT = 1.5  # A lane is never farther than this from the centre line [m]
 
 
 def shifted(points: Floats, left: float) -> Floats:
-    """The (n, 2) polyline moved ``left`` metres to its left, corners mitred."""
+    """The polyline (n, 2) or (n, 3) moved ``left`` metres to its left, corners mitred; heights stay."""
     if left == 0.0:
         return points
-    step = np.diff(points, axis=0)
+    step = np.diff(points[:, :2], axis=0)
     step = step / np.maximum(np.linalg.norm(step, axis=1), 1e-12)[:, None]
     normal = np.column_stack([-step[:, 1], step[:, 0]])
     at = np.concatenate([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
     size = np.linalg.norm(at, axis=1)
     at = at / np.maximum(size, 1e-9)[:, None]
     mitre = np.concatenate([[1.0], 2.0 / np.maximum(size[1:-1], 1.0), [1.0]])
-    return np.asarray(points + left * mitre[:, None] * at)
+    return np.column_stack([points[:, :2] + left * mitre[:, None] * at, points[:, 2:]])
 
 
 def simplified(points: Floats) -> Floats:
@@ -101,6 +101,12 @@ def even(points: Floats, spacing: float) -> tuple[Floats, float]:
     heading = np.interp(s, 0.5 * (along[:-1] + along[1:]), chord)
     curvature = np.gradient(heading, length / (n - 1))
     return np.column_stack([np.interp(s, along, x), np.interp(s, along, y), heading, curvature]), length
+
+
+@lru_cache(maxsize=4096)
+def bow(ahead: float, left: float, turn: float, spacing: float) -> tuple[Floats, float]:
+    """The way from the origin along x to ``ahead``, ``left`` [m], turned by ``turn`` [rad]; see ``even``."""
+    return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), spacing)
 
 
 def moved(shape: Floats, x: float, y: float, heading: float) -> Floats:
@@ -178,12 +184,16 @@ def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track
     before, after = _trims(network, radius, np.abs(shift))
     shapes = []
     for e in range(len(network)):
-        points = simplified(cut(network.polyline(e)[:, :2], before[e], after[e]))
+        points = simplified(stretch(network.polyline(e)[:, :2], before[e], -after[e]))
         shapes.append(even(rounded(shifted(points, shift[e]), radius), SPACING))
     owner = np.repeat(np.arange(len(network)), np.diff(network.next_first)).astype(np.int32)
     for a, b in zip(owner, network.next_edges, strict=True):
-        start, end = shapes[a][0][-1], shapes[b][0][0]
-        shapes.append(even(joined(start[:2], start[2], end[:2], end[2]), SPACING))
+        (x, y, heading, _), end = shapes[a][0][-1], shapes[b][0][0]
+        to = complex(end[0] - x, end[1] - y) * np.exp(-1j * heading)
+        turn = np.angle(np.exp(1j * (end[2] - heading)))
+        # Most junctions of a plant are alike, to a micrometre.
+        shape, length = bow(*np.round([to.real, to.imag, turn], 6).tolist(), SPACING)
+        shapes.append((moved(shape, x, y, heading), length))
     none = np.full(len(network), -1, np.int32)
     source, target = np.concatenate([none, owner]), np.concatenate([none, network.next_edges])
     return assemble(network, shapes, source, target, np.arange(len(shapes), dtype=np.int32))
@@ -229,10 +239,11 @@ def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floa
     return before * share, after * share
 
 
-def cut(points: Floats, before: float, after: float) -> Floats:
-    """The (n, 2) polyline without its first and last metres."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    low, high = before, max(along[-1] - after, before + 1e-3)
-    inside = points[(along > low + 1e-6) & (along < high - 1e-6)]
-    ends = [[np.interp(s, along, points[:, k]) for k in (0, 1)] for s in (low, high)]
-    return np.concatenate([np.array(ends[:1]), inside, np.array(ends[1:])])
+def stretch(points: Floats, start: float, end: float) -> Floats:
+    """The part of a polyline (n, k) between two distances [m] along it; a negative ``end`` from its end."""
+    run = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    start, end = max(start, 0.0), end if end >= 0.0 else end + run[-1]
+    end = min(max(end, start + 1e-3), float(run[-1]))
+    start = min(start, end - 1e-3)
+    at = np.concatenate([[start], run[(run > start) & (run < end)], [end]])
+    return np.column_stack([np.interp(at, run, c) for c in points.T])

@@ -18,7 +18,7 @@ from fleetlog.simulate import junctions as between
 from fleetlog.simulate.bays import BayMaker, lay_out
 from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
 from fleetlog.simulate.junctions import Junctions, find_junctions, half_box
-from fleetlog.simulate.state import PLAN, Roads, Trucks, creep_speed
+from fleetlog.simulate.state import PLAN, Roads, Trucks
 from fleetlog.simulate.track import Track, assemble, build_track
 from fleetlog.simulate.ways import Ways, with_loops
 
@@ -123,19 +123,18 @@ def speed_limits(site: Site, track: Track) -> Floats:
 
 
 def caps(site: Site, track: Track, physics: Physics) -> Floats:
-    """(2, S) highest speed [m/s] without and with a load, by limits, truck and terms; a creep in swings."""
+    """(2, S) highest speed [m/s] without and with a load, by limits, truck and terms."""
     from fleetlog.simulate.kernels.geometry import brake_ahead
 
     truck = physics.actual_truck
     allowed = np.minimum(speed_limits(site, track) * truck.drive.speed_factor, truck.drive.max_speed)
-    creep = np.where(track.swings[track.owner], creep_speed(truck), np.inf)
     out = np.empty((2, len(track.x)))
     for laden, payload in enumerate((0.0, 0.5 * truck.chassis.rated_load)):
         motion = Motion.of(
             len(track.x), speed=allowed, curvature=track.curvature, slope=track.slope, heading=track.heading,
             x=track.x, y=track.y, edge=track.edge, edge_offset=track.offset, payload=payload,
         )  # fmt: skip
-        cap = np.maximum(np.minimum(allowed_speed(motion, physics), creep), 0.05)
+        cap = np.maximum(allowed_speed(motion, physics), 0.05)
         out[laden] = brake_ahead(cap, track.first, track.spacing, PLAN * truck.drive.max_deceleration)
     return out
 

@@ -11,6 +11,7 @@ from matplotlib.patheffects import withStroke
 from fleetlog.core.arrays import Floats
 from fleetlog.core.result import EdgeValues, Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
+from fleetlog.simulate.track import shifted, stretch
 from fleetlog.view import palette, ribbons
 from fleetlog.view.clock import Extent, around, shapes_outline
 from fleetlog.view.palette import Scale, colour_map
@@ -75,8 +76,8 @@ def draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
     keep = keep[np.argsort(np.abs(layer.values[keep]), kind="stable")]
     lines = []
     for edge, start, end in zip(layer.edge[keep], layer.start[keep], layer.end[keep], strict=True):
-        line = ribbons.stretch(network.polyline(edge), float(start), float(end))
-        lines.append((ribbons.offset(line, shift) if network.reverse[edge] >= 0 else line)[:, :2])
+        line = stretch(network.polyline(edge), float(start), float(end))
+        lines.append((shifted(line, shift) if network.reverse[edge] >= 0 else line)[:, :2])
     strips = LineCollection(
         lines, cmap=colour_map(layer.diverging, False), norm=scale.norm(),
         linewidths=3.2, capstyle="butt", zorder=2,

@@ -10,11 +10,11 @@ import rerun.blueprint as rrb
 from fleetlog.core.arrays import Ints
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
+from fleetlog.simulate.track import stretch
 from fleetlog.view import blueprint, clock, palette, ribbons
 from fleetlog.view.clock import MINUTE, SKIPPED, Extent, around, shapes_outline, skipping
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
 from fleetlog.view.palette import Scale, scales_of, screen_colours
-from fleetlog.view.ribbons import mesh3d
 from fleetlog.view.scene import drawn_width, lane, log_site
 from fleetlog.view.stream import Stream, entity, open_stream, ui_points, verbatim
 
@@ -104,12 +104,12 @@ def _log_edges(stream: Stream, path: str, shape: EdgeValues, site: Site, scale: 
     colours = screen_colours(shape.values, scale)
     for edge, start, end, colour in zip(shape.edge.tolist(), shape.start, shape.end, colours, strict=True):
         if edge >= 0 and colour[3]:
-            line = ribbons.stretch(network.polyline(edge), float(start), float(end))
+            line = stretch(network.polyline(edge), float(start), float(end))
             left, right = lane(site, edge)
             inset = 0.06 * drawn_width(network, edge)
             meshes.append((ribbons.ribbon(line, left - inset, right + inset, 0.06), colour[:3]))
     if meshes:
-        stream.static(path, mesh3d(meshes))
+        stream.static(path, ribbons.mesh3d(meshes))
 
 
 def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent) -> str:
@@ -123,7 +123,7 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
         (ribbons.ribbon(np.array([[a, y, 0.0], [b, y, 0.0]]), thick / 2, -thick / 2, 0.05), colour)
         for a, b, colour in zip(xs[:-1], xs[1:], colours, strict=True)
     ]
-    stream.static(f"{path}/scale", mesh3d(cells))
+    stream.static(f"{path}/scale", ribbons.mesh3d(cells))
     top = ("≥ " if scale.clipped else "") + _short(scale.high)
     low = ("≤ " if scale.clipped and scale.diverging else "") + _short(scale.low)
     # What it shows stands beside the bar: below it a long label covers the numbers.
@@ -143,7 +143,7 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> None:
         (ribbons.disc(x, y, r, 0.09, inner=hole * r), colour)
         for (x, y), r in zip(marks.xy, np.maximum(marks.size, 0.5).tolist(), strict=True)
     ]
-    stream.static(f"{path}/rings", mesh3d(pads))
+    stream.static(f"{path}/rings", ribbons.mesh3d(pads))
     where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
     points = rr.Points3D(
         where, radii=ui_points(3.0), colors=[colour], labels=list(marks.labels), show_labels=len(where) <= 30

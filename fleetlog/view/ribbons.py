@@ -22,30 +22,16 @@ _FACES = np.array(
 LOAD_CENTRE, LOAD_HALF = (1.9, 0.0, 0.55), (0.55, 0.5, 0.45)  # Of a load's box on the forks [m]
 
 
-def offset(points: Floats, left: float) -> Floats:
-    """The polyline (n, 3) moved to its left by ``left`` metres."""
-    return np.column_stack([shifted(points[:, :2], left), points[:, 2]])
-
-
 def ribbon(points: Floats, left: float, right: float, lift: float = 0.0) -> Floats:
     """Triangles (2 (n - 1), 3, 3) of the strip from ``left`` to ``right`` metres left of a polyline."""
     up = np.array([0.0, 0.0, lift])
-    return _band(offset(points, right) + up, offset(points, left) + up)
+    return _band(shifted(points, right) + up, shifted(points, left) + up)
 
 
 def _band(a: Floats, b: Floats) -> Floats:
     """Triangles between two polylines (n, 3), seen from the side on which ``b`` is left of ``a``."""
     pairs = [a[:-1], a[1:], b[1:]], [a[:-1], b[1:], b[:-1]]
     return np.concatenate([np.stack(corners, axis=1) for corners in pairs])
-
-
-def stretch(points: Floats, start: float, end: float) -> Floats:
-    """The part of a polyline (n, 3) between two distances [m] along it."""
-    run = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    start, end = max(start, 0.0), min(max(end, start + 1e-3), float(run[-1]))
-    start = min(start, end - 1e-3)
-    at = np.concatenate([[start], run[(run > start) & (run < end)], [end]])
-    return np.column_stack([np.interp(at, run, c) for c in points.T])
 
 
 def arrows(points: Floats, size: float, lift: float) -> Floats:

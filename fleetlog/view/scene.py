@@ -9,9 +9,9 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame, Place, Site
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.simulate.track import shifted
 from fleetlog.view import clock, palette, ribbons
 from fleetlog.view.fleet import Lane
-from fleetlog.view.ribbons import mesh3d
 from fleetlog.view.stream import Stream, entity, ui_points
 
 DEFAULT_WIDTH = 3.5  # Drawn width of a road [m] whose map gives none
@@ -57,19 +57,19 @@ def _log_roads(stream: Stream, site: Site) -> None:
         colour = palette.ROAD if two_way else palette.ONE_WAY
         surface.append((ribbons.ribbon(line, left, right, 0.01 if two_way else 0.03), colour))
         outer = (left, right) if not two_way else (right,) if site.traffic == "right" else (left,)
-        rims += [ribbons.offset(line, o) + RAISED for o in outer]
-        middle = ribbons.offset(line, (left + right) / 2.0)
+        rims += [shifted(line, o) + RAISED for o in outer]
+        middle = shifted(line, (left + right) / 2.0)
         marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), 0.07), palette.ARROW))
     # Discs as wide as the widest road close the gaps between ribbons.
     surface += [
         (ribbons.disc(x, y, r, z + 0.008, corners=20), palette.ROAD)
         for (x, y, z), r in zip(network.node_points, radius, strict=True)
     ]
-    stream.static("/site/roads/surface", mesh3d(surface))
+    stream.static("/site/roads/surface", ribbons.mesh3d(surface))
     lines = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=ui_points(0.6))
     stream.static("/site/roads/edges", lines)
     if any(len(arrows) for arrows, _ in marks):
-        stream.static("/site/roads/arrows", mesh3d(marks))
+        stream.static("/site/roads/arrows", ribbons.mesh3d(marks))
 
 
 def _log_map(stream: Stream, network: Network, frame: Frame) -> None:
@@ -89,8 +89,8 @@ def _log_buildings(stream: Stream, site: Site) -> None:
         height, outline = building.height, building.polygon
         roof = ribbons.floor_polygon(outline, height), palette.BUILDING
         sides = ribbons.walls(outline, 0.0, height), palette.BUILDING
-        stream.static(entity("site", "buildings", "roofs", building.id), mesh3d([roof], 28))
-        stream.static(entity("site", "buildings", "walls", building.id), mesh3d([sides], 40))
+        stream.static(entity("site", "buildings", "roofs", building.id), ribbons.mesh3d([roof], 28))
+        stream.static(entity("site", "buildings", "walls", building.id), ribbons.mesh3d([sides], 40))
         posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
         frame = {"outlines": [_outline(outline, 0.0)], "frames": [_outline(outline, height), *posts]}
         for part, lines in frame.items():
@@ -102,7 +102,7 @@ def _log_zones(stream: Stream, site: Site) -> None:
     for zone in site.zones:
         colour = palette.COVERED if zone.covered else palette.LIMITED
         floor = ribbons.floor_polygon(zone.polygon, 0.0), colour
-        stream.static(entity("site", "zones", "floors", zone.id), mesh3d([floor], 24))
+        stream.static(entity("site", "zones", "floors", zone.id), ribbons.mesh3d([floor], 24))
         limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
         rim = rr.LineStrips3D(
             [_outline(zone.polygon, 0.02)], colors=[colour], radii=ui_points(1.0), labels=[zone.id + limit],
@@ -116,7 +116,7 @@ def log_places(stream: Stream, places: Sequence[Place], part: str, labels: bool)
     for kind in sorted({p.kind for p in places}):
         alike, colour = [p for p in places if p.kind == kind], palette.PLACES[kind]
         pads = [(ribbons.disc(p.x, p.y, 1.2, 0.09, inner=0.75), colour) for p in alike]
-        stream.static(entity("site", "places", kind, part, "pads"), mesh3d(pads))
+        stream.static(entity("site", "places", kind, part, "pads"), ribbons.mesh3d(pads))
         points = rr.Points3D(
             [[p.x, p.y, 0.1] for p in alike], radii=ui_points(2.5), colors=[colour],
             labels=[p.id for p in alike], show_labels=labels,

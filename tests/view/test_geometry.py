@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fleetlog.simulate.track import shifted, stretch
 from fleetlog.view import ribbons
 from fleetlog.view.blueprint import FIELD_OF_VIEW, fitted
 
@@ -56,16 +57,14 @@ def test_ribbon_has_its_width(turns: list[float], right: float, width: float) ->
     line = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     triangles = ribbons.ribbon(line, right + width, right)
     assert (area(triangles) > 0).all()
-    rims = [
-        np.linalg.norm(np.diff(ribbons.offset(line, o), axis=0), axis=1).sum() for o in (right + width, right)
-    ]
+    rims = [np.linalg.norm(np.diff(shifted(line, o), axis=0), axis=1).sum() for o in (right + width, right)]
     assert area(triangles).sum() == pytest.approx(width * np.mean(rims), rel=1e-6)
 
 
 @given(st.floats(0, 30), st.floats(0, 30))
 def test_stretch_is_the_part_asked_for(a: float, b: float) -> None:
     line = np.array([[0, 0, 0], [10, 0, 0], [10, 10, 0], [10, 10, 10]], float)
-    part = ribbons.stretch(line, min(a, b), max(a, b))
+    part = stretch(line, min(a, b), max(a, b))
     length = np.linalg.norm(np.diff(part, axis=0), axis=1).sum()
     assert length == pytest.approx(max(a, b) - min(a, b), abs=2e-3)
 

@@ -122,13 +122,13 @@ def meetings(
     c = new_cells(x, y, 2.0 * np.sqrt(half_l * half_l + half_w * half_w), len(x))
     put(c, np.column_stack((x, y, heading)), owner, owner)
     cos, sin = np.cos(heading), np.sin(heading)
-    out, n = np.empty((1024, 2), np.int32), 0
+    out, n, everyone = np.empty((1024, 2), np.int32), 0, bool(ask.all())
     for a in np.flatnonzero(ask):
         low, high, left, right = cells_near(c, x[a], y[a])
         for r in range(low, high):
             for q in range(left, right):
                 b = c.head[r * int(c.shape[3]) + q]
-                while b >= 0:
+                while b > (a if everyone else -1):  # the last of a cell comes first
                     dx, dy, dz = x[b] - x[a], y[b] - y[a], abs(z[b] - z[a])
                     counts = (not ask[b] or b > a) and owner[a] != owner[b] and dz <= 2.5
                     if counts and boxes_meet(dx, dy, cos[a], sin[a], cos[b], sin[b], half_l, half_w):
