@@ -6,6 +6,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +19,7 @@ import pyarrow.csv as pv
 from fleetlog.core.arrays import Ints
 from fleetlog.errors import FormatError
 from fleetlog.importers._fields import Fields
-from fleetlog.importers._open import ReadReport, open_bytes
+from fleetlog.importers._open import HEAD, ReadReport, open_bytes
 from fleetlog.importers._units import KINDS
 from fleetlog.importers.base import GEOGRAPHIC, Reject
 
@@ -175,14 +176,25 @@ class TableReader:
         self.nulls = NULLS + [s for s in sentinels if isinstance(s, str)]
         self.angles: set[str] = set()  # Columns of latitude and longitude that hold text
         self._types: dict[str, Any] = {}
+        self._first: pa.Table | None = None  # Of the block that the types are from, where it is read already
 
     def decide(self, block: Block) -> None:
-        """Types of the columns, from the first block."""
-        fields = self.fields
+        """Types of the columns, from the first block; from its head where all of it can be read as that."""
+        text = self._as_utf8(block)
+        with suppress(pa.ArrowInvalid):
+            inferred = self._arrow(text[: text.rfind(b"\n", 0, HEAD) + 1], None).schema
+            if not any(pa.types.is_null(f.type) for f in inferred):
+                self._settle(inferred)
+                self._first = self._arrow(text, self._types)
+                return
         try:
-            inferred = self._arrow(self._as_utf8(block), None).schema
+            inferred = self._arrow(text, None).schema
         except pa.ArrowInvalid:
             inferred = self._arrow(self._one_by_one(block)[0], None).schema
+        self._settle(inferred)
+
+    def _settle(self, inferred: pa.Schema) -> None:
+        fields = self.fields
         figures = {f.name for f in inferred if pa.types.is_floating(f.type) or pa.types.is_integer(f.type)}
         self.angles = {s.column for t, s in fields.columns.items() if t in GEOGRAPHIC} - figures
         figures |= {s.column for t, s in fields.columns.items() if t in KINDS} - self.angles
@@ -211,6 +223,9 @@ class TableReader:
 
     def _whole(self, text: bytes) -> pa.Table | None:
         """The rows that are whole: typed, or else as text; None where the quotes make no sense."""
+        first, self._first = self._first, None
+        if first is not None:
+            return first
         for kinds in (self._types, dict.fromkeys(self._types, pa.string())):
             try:
                 return self._arrow(text, kinds)
