@@ -24,7 +24,8 @@ class Engine:
     """Does jobs; function, jobs and results must be picklable.  This one does them here, in turn."""
 
     workers = 1  # Jobs that run at the same time
-    ahead: Sequence[str] = ()  # Modules that will be needed here: who waits for workers loads them
+    ahead: Sequence[str | Callable[[], object]] = ()
+    """Modules that will be needed here, and tasks that load more: who waits for workers does that."""
 
     def pays(self, cost: float) -> bool:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
