@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.compiling import inner, kernel, outer
+from fleetlog.compiling import inner, outer
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.roads.candidates import prepare
@@ -17,7 +17,7 @@ from fleetlog.roads.kernels.records import Roads, Store
 def _reach(store: Store, roads: Roads, most: float, begin: int) -> Any:
     """Store what lies within ``most`` [m] of edge ``begin`` and later ones; the first without room for it."""
     for source in range(begin, len(roads.length)):
-        if not ensure(store, roads, source, most):
+        if not ensure(store, roads, np.int32(source), most):  # as the matcher calls it: compiled once
             return source
     return len(roads.length)
 
@@ -32,7 +32,7 @@ def reachable(network: Network, most: float) -> tuple[Ints, Ints, Index, Floats]
     return store.begin, store.reached, store.target, store.away
 
 
-@kernel()
+@inner
 def _root(parent: Index, i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -40,7 +40,6 @@ def _root(parent: Index, i: int) -> int:
     return i
 
 
-@kernel()
 def cluster_steps(
     edge: Index, offset: Floats, length: Floats, begin: Ints, count: Ints, edges: Index, distances: Floats,
     limit: float,
@@ -56,16 +55,23 @@ def cluster_steps(
     On one edge it is enough to join neighbours in order, and between edges the last truck of the one with
     the first of the other: any other pair within the limit is then joined through them, since distances
     along a way only add."""
-    steps, trucks = edge.shape
+    (steps, trucks), roads = edge.shape, len(length)
     labels = np.full((steps, trucks), -1, np.int32)
-    n = len(length)
-    head, tail = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
-    after = np.empty(trucks, np.int32)
-    parent = np.empty(trucks, np.int32)
-    occupied = np.empty(trucks, np.int32)
-    size, used = 4 * trucks + 16, 0
-    arcs = np.empty((size, 2), np.int32)
-    arc_first = np.zeros(steps + 1, np.int64)
+    # An arc joins two clusters, so a step has fewer arcs than trucks.
+    arcs, arc_first = np.empty((steps * trucks, 2), np.int32), np.zeros(steps + 1, np.int64)
+    room = *np.full((2, roads), -1, np.int32), *np.empty((3, trucks), np.int32)
+    near = begin, count, edges, distances
+    _cluster_steps(edge, offset, length, *near, limit, *room, labels, arcs, arc_first)
+    return labels, arcs[: arc_first[-1]].copy(), arc_first
+
+
+@outer
+def _cluster_steps(
+    edge: Index, offset: Floats, length: Floats, begin: Ints, count: Ints, edges: Index, distances: Floats,
+    limit: float, head: Index, tail: Index, after: Index, parent: Index, occupied: Index,
+    labels: Index, arcs: Index, arc_first: Ints,
+) -> None:  # fmt: skip
+    used, (steps, trucks) = 0, edge.shape
     for t in range(steps):
         busy = 0
         for v in range(trucks):
@@ -87,9 +93,6 @@ def cluster_steps(
                 after[v], after[p] = after[p], v
                 if after[v] < 0:
                     tail[e] = v
-        if used + trucks > size:
-            size = 2 * (used + trucks)
-            arcs = np.concatenate((arcs[:used], np.empty((size - used, 2), np.int32)))
         for b in range(busy):
             e = occupied[b]
             p = head[e]
@@ -112,10 +115,9 @@ def cluster_steps(
         for b in range(busy):
             head[occupied[b]] = -1
         arc_first[t + 1] = used
-    return labels, arcs[:used].copy(), arc_first
 
 
-@kernel()
+@inner
 def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     ra, rb = _root(parent, a), _root(parent, b)
     if ra != rb:
@@ -136,7 +138,10 @@ def accumulate(
     spread along the straight line between them in pieces no longer than half a cell, so that sparse sampling
     leaves no holes; energy takes the mean of both powers where both are known."""
     columns, cells = out.shape[2], out.reshape(6, -1).T
-    _accumulate(x, y, time, speed, power, standing, use, x0, y0, cell, max_gap, columns, cells)
+    rows: list[Any] = [column.view() for column in (x, y, time, speed, power)]
+    for column in rows:
+        column.flags.writeable = False  # as those of a file are: for others the kernel would be compiled anew
+    _accumulate(*rows, standing, use, x0, y0, cell, max_gap, columns, cells)
 
 
 @outer
