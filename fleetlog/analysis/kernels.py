@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.compiling import inner, outer
+from fleetlog.compiling import inner, kernel, outer
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.roads.candidates import prepare
@@ -17,7 +17,7 @@ from fleetlog.roads.kernels.records import Roads, Store
 def _reach(store: Store, roads: Roads, most: float, begin: int) -> Any:
     """Store what lies within ``most`` [m] of edge ``begin`` and later ones; the first without room for it."""
     for source in range(begin, len(roads.length)):
-        if not ensure(store, roads, np.int32(source), most):  # as the matcher calls it: compiled once
+        if not ensure(store, roads, np.int32(source), most):  # type: ignore[arg-type]  # as the matcher does
             return source
     return len(roads.length)
 
@@ -32,7 +32,7 @@ def reachable(network: Network, most: float) -> tuple[Ints, Ints, Index, Floats]
     return store.begin, store.reached, store.target, store.away
 
 
-@inner
+@kernel()
 def _root(parent: Index, i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -40,6 +40,7 @@ def _root(parent: Index, i: int) -> int:
     return i
 
 
+@kernel()
 def cluster_steps(
     edge: Index, offset: Floats, length: Floats, begin: Ints, count: Ints, edges: Index, distances: Floats,
     limit: float,
@@ -55,23 +56,12 @@ def cluster_steps(
     On one edge it is enough to join neighbours in order, and between edges the last truck of the one with
     the first of the other: any other pair within the limit is then joined through them, since distances
     along a way only add."""
-    (steps, trucks), roads = edge.shape, len(length)
+    used, (steps, trucks) = 0, edge.shape
     labels = np.full((steps, trucks), -1, np.int32)
+    head, tail = np.full((2, len(length)), -1, np.int32)
+    after, parent, occupied = np.empty((3, trucks), np.int32)
     # An arc joins two clusters, so a step has fewer arcs than trucks.
     arcs, arc_first = np.empty((steps * trucks, 2), np.int32), np.zeros(steps + 1, np.int64)
-    room = *np.full((2, roads), -1, np.int32), *np.empty((3, trucks), np.int32)
-    near = begin, count, edges, distances
-    _cluster_steps(edge, offset, length, *near, limit, *room, labels, arcs, arc_first)
-    return labels, arcs[: arc_first[-1]].copy(), arc_first
-
-
-@outer
-def _cluster_steps(
-    edge: Index, offset: Floats, length: Floats, begin: Ints, count: Ints, edges: Index, distances: Floats,
-    limit: float, head: Index, tail: Index, after: Index, parent: Index, occupied: Index,
-    labels: Index, arcs: Index, arc_first: Ints,
-) -> None:  # fmt: skip
-    used, (steps, trucks) = 0, edge.shape
     for t in range(steps):
         busy = 0
         for v in range(trucks):
@@ -115,9 +105,10 @@ def _cluster_steps(
         for b in range(busy):
             head[occupied[b]] = -1
         arc_first[t + 1] = used
+    return labels, arcs[:used].copy(), arc_first
 
 
-@inner
+@kernel()
 def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     ra, rb = _root(parent, a), _root(parent, b)
     if ra != rb:
@@ -127,29 +118,18 @@ def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     return used
 
 
+@outer
 def accumulate(
     x: Floats, y: Floats, time: Ints, speed: Floats, power: Floats, standing: float, use: Mask,
-    x0: float, y0: float, cell: float, max_gap: float, out: Floats,
+    x0: float, y0: float, cell: float, max_gap: float, columns: int, out: Floats,
 ) -> None:  # fmt: skip
-    """Add everything that a heat map shows to ``out`` (6, rows, columns).
+    """Add everything that a heat map shows to ``out`` (cells, 6): cell c of row r is r times ``columns`` + c.
 
     Layers: time [s], distance [m], energy [J], standing time [s], passages (times a truck came into the
     cell), and the part of the time in which the power was known [s].  Each interval between two rows is
     spread along the straight line between them in pieces no longer than half a cell, so that sparse sampling
-    leaves no holes; energy takes the mean of both powers where both are known."""
-    columns, cells = out.shape[2], out.reshape(6, -1).T
-    rows: list[Any] = [column.view() for column in (x, y, time, speed, power)]
-    for column in rows:
-        column.flags.writeable = False  # as those of a file are: for others the kernel would be compiled anew
-    _accumulate(*rows, standing, use, x0, y0, cell, max_gap, columns, cells)
-
-
-@outer
-def _accumulate(
-    x: Floats, y: Floats, time: Ints, speed: Floats, power: Floats, standing: float, use: Mask,
-    x0: float, y0: float, cell: float, max_gap: float, columns: int, out: Floats,
-) -> None:  # fmt: skip
-    """The same with ``out`` (cells, 6). Where both rows lie in one cell, so does all between them."""
+    leaves no holes; energy takes the mean of both powers where both are known.  Where both rows lie in one
+    cell, so does all between them."""
     rows, per_metre = len(out) // columns, 1.0 / cell
     last, at = -1, _cell(x[0], y[0], x0, y0, per_metre, columns, rows) if len(x) else -1
     for i in range(len(x) - 1):

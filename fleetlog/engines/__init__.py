@@ -24,8 +24,7 @@ class Engine:
     """Does jobs; function, jobs and results must be picklable.  This one does them here, in turn."""
 
     workers = 1  # Jobs that run at the same time
-    ahead: Sequence[str | Callable[[], object]] = ()
-    """Modules that will be needed here, and tasks that load more: who waits for workers does that."""
+    ahead: Sequence[str] = ()  # Modules that will be needed here: who waits for workers loads them
 
     def pays(self, cost: float) -> bool:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
@@ -63,11 +62,8 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | Failure:
     """The result of one job, or the error of a job that failed."""
     try:
         return work(job)
-    except (
-        FleetlogError,
-        OSError,
-    ) as error:  # of the latter, whoever holds the place of the output knows more
-        return error
+    except (FleetlogError, OSError) as error:
+        return error  # of an OSError, whoever holds the place of the output knows more
     except MemoryError:
         return DataError("out of memory", where=name(job), do="use fewer --workers")
     except Exception as error:

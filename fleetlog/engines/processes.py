@@ -22,7 +22,6 @@ from fleetlog.errors import DataError
 START = 0.5  # Jobs that take less time than this in all are done here [s]
 DEATHS = 3  # A job whose worker died this often has failed
 PATIENCE = 3.0  # For a worker to clean up when it is told to end [s]
-KEPT = 30 << 20  # Bytes of one block that a worker keeps for the next; glibc counts up to 32 MiB
 PR_SET_PDEATHSIG = 1
 
 # A forked worker has all modules and compiled functions at once; elsewhere than on Linux, fork is not safe.
@@ -47,11 +46,7 @@ class Processes(Engine):
         if min(self.workers, count + len(beside)) < 2 or multiprocessing.current_process().daemon:
             return super()._done(work, jobs, name, beside)
         ahead, self.ahead = self.ahead, ()
-        return _run(work, jobs, name, count, [*beside, *map(_loading, ahead)])
-
-
-def _loading(what: str | Callable[[], object]) -> Callable[[], object]:
-    return partial(import_module, what) if isinstance(what, str) else what
+        return _run(work, jobs, name, count, [*beside, *(partial(import_module, name) for name in ahead)])
 
 
 def _run(
@@ -124,7 +119,7 @@ def _serve(work: Callable[[Any], Any], name: Callable[[Any], str], pipe: Connect
             return
     # The largest block that went back sets what glibc keeps: without it, arrays of some 100,000 rows would go
     # back to the system each time, and their pages come anew.
-    bytearray(KEPT)
+    bytearray(30 << 20)  # it counts up to 32 MiB
     with suppress(EOFError, OSError):
         while True:
             pipe.send(attempt(work, pipe.recv(), name))

@@ -179,32 +179,28 @@ class TableReader:
         self._first: pa.Table | None = None  # Of the block that the types are from, where it is read already
 
     def decide(self, block: Block) -> None:
-        """Types of the columns, from the first block; from its head where all of it can be read as that."""
-        text = self._as_utf8(block)
-        with suppress(pa.ArrowInvalid):
-            inferred = self._arrow(text[: text.rfind(b"\n", 0, HEAD) + 1], None).schema
-            if not any(pa.types.is_null(f.type) for f in inferred):
-                self._settle(inferred)
-                self._first = self._arrow(text, self._types)
-                return
-        try:
-            inferred = self._arrow(text, None).schema
-        except pa.ArrowInvalid:
-            inferred = self._arrow(self._one_by_one(block)[0], None).schema
-        self._settle(inferred)
-
-    def _settle(self, inferred: pa.Schema) -> None:
-        fields = self.fields
-        figures = {f.name for f in inferred if pa.types.is_floating(f.type) or pa.types.is_integer(f.type)}
-        self.angles = {s.column for t, s in fields.columns.items() if t in GEOGRAPHIC} - figures
-        figures |= {s.column for t, s in fields.columns.items() if t in KINDS} - self.angles
-        figures -= {s.column for t, s in fields.columns.items() if t not in KINDS}
-        figures -= {*fields.time, fields.vehicle}
-        self._types = {name: pa.float64() if name in figures else pa.string() for name in fields.names}
+        """Types of the columns, from the first block: from its head, where all of it can be read as that."""
+        fields, text, kinds = self.fields, self._as_utf8(block), pa.types
+        for sample in (text[: text.rfind(b"\n", 0, HEAD) + 1], text):
+            try:
+                inferred = self._arrow(sample, None).schema
+            except pa.ArrowInvalid:
+                inferred = self._arrow(self._one_by_one(block)[0], None).schema
+            figures = {f.name for f in inferred if kinds.is_floating(f.type) or kinds.is_integer(f.type)}
+            self.angles = {s.column for t, s in fields.columns.items() if t in GEOGRAPHIC} - figures
+            figures |= {s.column for t, s in fields.columns.items() if t in KINDS} - self.angles
+            figures -= {s.column for t, s in fields.columns.items() if t not in KINDS}
+            figures -= {*fields.time, fields.vehicle}
+            self._types = {n: pa.float64() if n in figures else pa.string() for n in fields.names}
+            if sample is text or not any(kinds.is_null(f.type) for f in inferred):
+                with suppress(pa.ArrowInvalid):
+                    self._first = self._arrow(text, self._types)
+                    return
 
     def read(self, block: Block) -> tuple[pa.Table, Ints, list[Reject]]:
         """The table of a block, the line of every row, and the lines with too many or too few fields."""
-        table, lines = self._whole(self._as_utf8(block)), block.lines()
+        table, self._first = self._first, None
+        table, lines = table or self._whole(self._as_utf8(block)), block.lines()
         rejects: list[Reject] = []
         if table is None or len(table) != len(lines):
             text, numbers, rejects = self._one_by_one(block)
@@ -223,9 +219,6 @@ class TableReader:
 
     def _whole(self, text: bytes) -> pa.Table | None:
         """The rows that are whole: typed, or else as text; None where the quotes make no sense."""
-        first, self._first = self._first, None
-        if first is not None:
-            return first
         for kinds in (self._types, dict.fromkeys(self._types, pa.string())):
             try:
                 return self._arrow(text, kinds)

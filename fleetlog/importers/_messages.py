@@ -33,8 +33,7 @@ except ImportError:
 
     def _loads(data: Any) -> Any:
         """As ``json.loads``, which looks for blanks first: an eighth of all that reading takes."""
-        text = str(data, "utf-8")
-        message, end = _begun(text)
+        message, end = _begun(text := str(data, "utf-8"))
         return message if end == len(text) else json.loads(text)
 
 

@@ -71,8 +71,7 @@ def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
 def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tuple[TableReader, Block]:
     """A reader of the columns that the first lines name, and the block without those."""
     every = (line.decode("utf-8", "replace").rstrip("\r\n") for line in BytesIO(block.text))
-    comment = profile.comment or "#"
-    skip, declared = profile.skip_lines, None
+    skip, declared, comment = profile.skip_lines, None, profile.comment or "#"
     for line in islice(every, skip, None):
         if line.strip() and not line.startswith((comment, "sep=")):
             break

@@ -26,7 +26,7 @@ from fleetlog.ingest.rejects import NAME, gather
 from fleetlog.ingest.rows import Slip, windows
 from fleetlog.ingest.stretch import Plan, import_vehicle, probe
 from fleetlog.ingest.summary import ImportSummary, Outcome, added_up, complete
-from fleetlog.store.documents import files_told, provenance
+from fleetlog.store.documents import provenance
 from fleetlog.store.writer import DatasetWriter
 
 Progress = Callable[[str, float], None]
@@ -63,9 +63,9 @@ def import_logs(
         summary = _write(reads, plan, writer, progress, align=align)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    inputs = [one for read in reads for one in read.inputs]
+    inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
     if profile is not None and profile.path:
-        inputs += files_told([Path(profile.path)])
+        inputs.append(Path(profile.path))
     writer.provenance, writer.summary = provenance(inputs), summary.to_dict()
     if writer.old is not None:
         first = writer.old.meta["provenance"]

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Set
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,6 @@ from fleetlog.ingest.files import Log
 from fleetlog.ingest.rejects import NAME, Rejects
 from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, Slip, Spill
 from fleetlog.ingest.summary import FileSummary
-from fleetlog.store.documents import files_told
 
 _RESERVED = frozenset((*NAMES, "date", *INTERNAL))
 WINDOW = 60_000_000  # A row may come this late and is still sorted in [us]
@@ -51,7 +49,6 @@ class Read:
     positioned: set[str] = field(default_factory=set)  # Vehicles that have a position somewhere
     driven: set[str] = field(default_factory=set)  # Vehicles that have a speed
     errors: list[FleetlogError] = field(default_factory=list)
-    inputs: list[dict[str, Any]] = field(default_factory=list)  # The files, as a dataset tells of them
 
 
 def groups_of(logs: list[Log]) -> list[Group]:
@@ -75,7 +72,6 @@ def read_group(
     first, logs = group
     spill, out = Spill(folder, f"log-{first}"), Read(Rejects(folder / f"log-{first}-{NAME}", names))
     for number, log in enumerate(logs, first):
-        out.inputs += files_told([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))
         before = spill.rows + out.rejects.rows.total()
         try:
             report, batches = log.read(profile)

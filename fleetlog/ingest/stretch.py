@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 DEGREES = "x and y look like degrees: if they are, map them in a profile to longitude and latitude"
 ESTIMATE_ROWS = 2000  # The parameters of matching are estimated on the first stretch that has this many rows
-REHEARSED = 20  # Rows that are matched so that all kernels are loaded
 OVERLAP = 5000  # Rows kept back where a stretch has to end within a trip
 
 
@@ -186,15 +185,6 @@ def with_edges(rows: Trajectory, network: Network, parameters: MatchParameters |
         match_confidence=np.asarray(found.confidence, dtype=np.float64),
         match_reason=Labels(np.where(off, found.reason.astype(np.int32), -1), tuple(matching.REASONS)),
     )
-
-
-def rehearse(network: Network) -> None:
-    """Match some rows along the longest road: that loads the kernels, and the network is made ready."""
-    from fleetlog.roads.matching import match
-
-    line = network.polyline(int(np.argmax(network.length)))
-    x, y = np.linspace(line[0, :2], line[-1, :2], REHEARSED).T
-    match(Trajectory("", np.arange(REHEARSED) * 1_000_000, {"x": x, "y": y}), network)
 
 
 def has_edges(rows: Trajectory, network: Network) -> bool:

@@ -4,7 +4,7 @@ import hashlib
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -45,17 +45,13 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def files_told(inputs: Iterable[Path]) -> list[dict[str, Any]]:
-    """Name, size and digest of every file among ``inputs``."""
-    return [{"file": p.name, "bytes": p.stat().st_size, "sha256": digest(p)} for p in inputs if p.is_file()]
-
-
-def provenance(inputs: Sequence[dict[str, Any]] = (), seed: int | None = None, **more: Any) -> dict[str, Any]:
-    """Command line, version, ``inputs`` as :func:`files_told`, seed."""
+def provenance(inputs: Iterable[Path] = (), seed: int | None = None, **more: Any) -> dict[str, Any]:
+    """Command line, version, inputs with their digests, seed."""
+    files = [{"file": p.name, "bytes": p.stat().st_size, "sha256": digest(p)} for p in inputs if p.is_file()]
     given = sys.argv[1:]
     words = [
         word for word, before in zip(given, ["", *given], strict=False)
         if before not in ENGINE and word.partition("=")[0] not in ENGINE
     ]  # fmt: skip
     command = shlex.join(["fleetlog", *words])
-    return {"command": command, "version": __version__, "inputs": [*inputs], "seed": seed, **more}
+    return {"command": command, "version": __version__, "inputs": files, "seed": seed, **more}

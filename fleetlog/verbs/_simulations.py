@@ -25,7 +25,7 @@ from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.scenario import Scenario, experiment, factor, one_more
 from fleetlog.simulate.tasks import Demand, read_tasks
 from fleetlog.store import Dataset, DatasetWriter
-from fleetlog.store.documents import files_told, provenance
+from fleetlog.store.documents import provenance
 
 Asked = SimpleNamespace  # The arguments of :func:`fleetlog.verbs.simulate.simulate`, converted
 Told = tuple[dict[str, Any], list[str]]  # A summary, and the same in sentences
@@ -46,7 +46,7 @@ def answer(asked: Asked) -> Answer:
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
     create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=read)
     with create(target, "simulated", asked.site) as writer:
-        writer.provenance = provenance(files_told(settings), asked.seed, like=like)
+        writer.provenance = provenance([p for p in settings if p.is_file()], asked.seed, like=like)
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         writer.summary, lines = run(asked, writer)
         if asked.recording:

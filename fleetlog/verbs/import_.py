@@ -1,7 +1,6 @@
 """Read logs, match them to the roads, write a dataset and its replay."""
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Annotated, Any, cast
 
 from fleetlog import engines, scratch
@@ -59,7 +58,6 @@ def import_(
     from fleetlog.core.site import Site
     from fleetlog.ingest.files import expanded
     from fleetlog.ingest.pipeline import import_logs
-    from fleetlog.ingest.stretch import rehearse
     from fleetlog.store import DatasetWriter
 
     target = scratch.folder() / "dataset" if output is None else as_path(output)
@@ -69,10 +67,9 @@ def import_(
     else:
         place = Site() if site is None else as_site(site)
         writing = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
+    replay = ("fleetlog.view.recording",) if recording and not append else ()
+    engines.current().ahead = ("fleetlog.roads.matching", *replay)
     with writing as writer:
-        replay = ("fleetlog.view.recording",) if recording and not append else ()
-        network = writer.site.network
-        engines.current().ahead = ((partial(rehearse, network),) if network is not None else ()) + replay
         summary = import_logs(paths, writer.site, writer, progress=progress, align=align, **read)
         if recording and not append:
             from fleetlog.view.recording import write_recording
