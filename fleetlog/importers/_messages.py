@@ -26,7 +26,7 @@ _LAYOUTS: dict[str, dict[int, Any]] = {
 """Names of the fields of Foxglove's messages by number, with the layout of those that are messages."""
 
 
-try:  # half as fast again, and optional
+try:  # faster, and optional
     from orjson import loads as _loads
 except ImportError:
     _begun = json.JSONDecoder().raw_decode
