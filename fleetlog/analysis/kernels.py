@@ -17,7 +17,7 @@ from fleetlog.roads.kernels.records import Roads, Store
 def _reach(store: Store, roads: Roads, most: float, begin: int) -> Any:
     """Store what lies within ``most`` [m] of edge ``begin`` and later ones; the first without room for it."""
     for source in range(begin, len(roads.length)):
-        if not ensure(store, roads, source, most):
+        if not ensure(store, roads, np.int32(source), most):  # type: ignore[arg-type]  # as the matcher does
             return source
     return len(roads.length)
 
@@ -56,16 +56,12 @@ def cluster_steps(
     On one edge it is enough to join neighbours in order, and between edges the last truck of the one with
     the first of the other: any other pair within the limit is then joined through them, since distances
     along a way only add."""
-    steps, trucks = edge.shape
+    used, (steps, trucks) = 0, edge.shape
     labels = np.full((steps, trucks), -1, np.int32)
-    n = len(length)
-    head, tail = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
-    after = np.empty(trucks, np.int32)
-    parent = np.empty(trucks, np.int32)
-    occupied = np.empty(trucks, np.int32)
-    size, used = 4 * trucks + 16, 0
-    arcs = np.empty((size, 2), np.int32)
-    arc_first = np.zeros(steps + 1, np.int64)
+    head, tail = np.full((2, len(length)), -1, np.int32)
+    after, parent, occupied = np.empty((3, trucks), np.int32)
+    # An arc joins two clusters, so a step has fewer arcs than trucks.
+    arcs, arc_first = np.empty((steps * trucks, 2), np.int32), np.zeros(steps + 1, np.int64)
     for t in range(steps):
         busy = 0
         for v in range(trucks):
@@ -87,9 +83,6 @@ def cluster_steps(
                 after[v], after[p] = after[p], v
                 if after[v] < 0:
                     tail[e] = v
-        if used + trucks > size:
-            size = 2 * (used + trucks)
-            arcs = np.concatenate((arcs[:used], np.empty((size - used, 2), np.int32)))
         for b in range(busy):
             e = occupied[b]
             p = head[e]
@@ -125,26 +118,18 @@ def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     return used
 
 
+@outer
 def accumulate(
     x: Floats, y: Floats, time: Ints, speed: Floats, power: Floats, standing: float, use: Mask,
-    x0: float, y0: float, cell: float, max_gap: float, out: Floats,
+    x0: float, y0: float, cell: float, max_gap: float, columns: int, out: Floats,
 ) -> None:  # fmt: skip
-    """Add everything that a heat map shows to ``out`` (6, rows, columns).
+    """Add everything that a heat map shows to ``out`` (cells, 6): cell c of row r is r times ``columns`` + c.
 
     Layers: time [s], distance [m], energy [J], standing time [s], passages (times a truck came into the
     cell), and the part of the time in which the power was known [s].  Each interval between two rows is
     spread along the straight line between them in pieces no longer than half a cell, so that sparse sampling
-    leaves no holes; energy takes the mean of both powers where both are known."""
-    columns, cells = out.shape[2], out.reshape(6, -1).T
-    _accumulate(x, y, time, speed, power, standing, use, x0, y0, cell, max_gap, columns, cells)
-
-
-@outer
-def _accumulate(
-    x: Floats, y: Floats, time: Ints, speed: Floats, power: Floats, standing: float, use: Mask,
-    x0: float, y0: float, cell: float, max_gap: float, columns: int, out: Floats,
-) -> None:  # fmt: skip
-    """The same with ``out`` (cells, 6). Where both rows lie in one cell, so does all between them."""
+    leaves no holes; energy takes the mean of both powers where both are known.  Where both rows lie in one
+    cell, so does all between them."""
     rows, per_metre = len(out) // columns, 1.0 / cell
     last, at = -1, _cell(x[0], y[0], x0, y0, per_metre, columns, rows) if len(x) else -1
     for i in range(len(x) - 1):

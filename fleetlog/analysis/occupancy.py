@@ -190,14 +190,17 @@ def _patches(
 def _patch(t: Trajectory, use: Mask, c: Raster, network: Network | None) -> Patch:
     from fleetlog.analysis.kernels import accumulate
 
-    grid = np.zeros((c.rows, c.columns, 6)).transpose(2, 0, 1)  # all of a cell lies together
-    step = t.time, t.floats("speed"), t.floats("battery_power"), STANDING_SPEED, use
-    accumulate(t.floats("x"), t.floats("y"), *step, c.x0, c.y0, c.cell, MAX_GAP, grid)
+    grid = np.zeros((c.rows, c.columns, 6))  # all of a cell lies together
+    x, y, speed, power = (t.floats(n).view() for n in ("x", "y", "speed", "battery_power"))
+    for column in (x, y, time := t.time.view(), speed, power):
+        column.flags.writeable = False  # as those of a file are: for others the kernel would be compiled anew
+    step = x, y, time, speed, power, STANDING_SPEED, use
+    accumulate(*step, c.x0, c.y0, c.cell, MAX_GAP, c.columns, grid.reshape(-1, 6))
     edges = np.zeros((6, 0)) if network is None else _along_edges(t, use, network)
-    row, column = np.nonzero(grid[0] > 0.0)
+    row, column = np.nonzero(grid[:, :, 0] > 0.0)
     driven = np.flatnonzero(edges[0] > 0.0)
     origin = round(c.y0 / c.cell), round(c.x0 / c.cell)
-    return Patch(row + origin[0], column + origin[1], grid[:, row, column], driven, edges[:, driven])
+    return Patch(row + origin[0], column + origin[1], grid[row, column].T, driven, edges[:, driven])
 
 
 def _along_edges(t: Trajectory, use: Mask, network: Network) -> Floats:

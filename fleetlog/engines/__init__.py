@@ -62,11 +62,8 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | Failure:
     """The result of one job, or the error of a job that failed."""
     try:
         return work(job)
-    except (
-        FleetlogError,
-        OSError,
-    ) as error:  # of the latter, whoever holds the place of the output knows more
-        return error
+    except (FleetlogError, OSError) as error:
+        return error  # of an OSError, whoever holds the place of the output knows more
     except MemoryError:
         return DataError("out of memory", where=name(job), do="use fewer --workers")
     except Exception as error:

@@ -117,6 +117,9 @@ def _serve(work: Callable[[Any], Any], name: Callable[[Any], str], pipe: Connect
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:
             return
+    # The largest block that went back sets what glibc keeps: without it, arrays of some 100,000 rows would go
+    # back to the system each time, and their pages come anew.
+    bytearray(30 << 20)  # it counts up to 32 MiB
     with suppress(EOFError, OSError):
         while True:
             pipe.send(attempt(work, pipe.recv(), name))

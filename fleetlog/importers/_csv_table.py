@@ -6,6 +6,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +19,7 @@ import pyarrow.csv as pv
 from fleetlog.core.arrays import Ints
 from fleetlog.errors import FormatError
 from fleetlog.importers._fields import Fields
-from fleetlog.importers._open import ReadReport, open_bytes
+from fleetlog.importers._open import HEAD, ReadReport, open_bytes
 from fleetlog.importers._units import KINDS
 from fleetlog.importers.base import GEOGRAPHIC, Reject
 
@@ -175,24 +176,31 @@ class TableReader:
         self.nulls = NULLS + [s for s in sentinels if isinstance(s, str)]
         self.angles: set[str] = set()  # Columns of latitude and longitude that hold text
         self._types: dict[str, Any] = {}
+        self._first: pa.Table | None = None  # Of the block that the types are from, where it is read already
 
     def decide(self, block: Block) -> None:
-        """Types of the columns, from the first block."""
-        fields = self.fields
-        try:
-            inferred = self._arrow(self._as_utf8(block), None).schema
-        except pa.ArrowInvalid:
-            inferred = self._arrow(self._one_by_one(block)[0], None).schema
-        figures = {f.name for f in inferred if pa.types.is_floating(f.type) or pa.types.is_integer(f.type)}
-        self.angles = {s.column for t, s in fields.columns.items() if t in GEOGRAPHIC} - figures
-        figures |= {s.column for t, s in fields.columns.items() if t in KINDS} - self.angles
-        figures -= {s.column for t, s in fields.columns.items() if t not in KINDS}
-        figures -= {*fields.time, fields.vehicle}
-        self._types = {name: pa.float64() if name in figures else pa.string() for name in fields.names}
+        """Types of the columns, from the first block: from its head, where all of it can be read as that."""
+        fields, text, kinds = self.fields, self._as_utf8(block), pa.types
+        for sample in (text[: text.rfind(b"\n", 0, HEAD) + 1], text):
+            try:
+                inferred = self._arrow(sample, None).schema
+            except pa.ArrowInvalid:
+                inferred = self._arrow(self._one_by_one(block)[0], None).schema
+            figures = {f.name for f in inferred if kinds.is_floating(f.type) or kinds.is_integer(f.type)}
+            self.angles = {s.column for t, s in fields.columns.items() if t in GEOGRAPHIC} - figures
+            figures |= {s.column for t, s in fields.columns.items() if t in KINDS} - self.angles
+            figures -= {s.column for t, s in fields.columns.items() if t not in KINDS}
+            figures -= {*fields.time, fields.vehicle}
+            self._types = {n: pa.float64() if n in figures else pa.string() for n in fields.names}
+            if sample is text or not any(kinds.is_null(f.type) for f in inferred):
+                with suppress(pa.ArrowInvalid):
+                    self._first = self._arrow(text, self._types)
+                    return
 
     def read(self, block: Block) -> tuple[pa.Table, Ints, list[Reject]]:
         """The table of a block, the line of every row, and the lines with too many or too few fields."""
-        table, lines = self._whole(self._as_utf8(block)), block.lines()
+        table, self._first = self._first, None
+        table, lines = table or self._whole(self._as_utf8(block)), block.lines()
         rejects: list[Reject] = []
         if table is None or len(table) != len(lines):
             text, numbers, rejects = self._one_by_one(block)

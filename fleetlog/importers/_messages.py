@@ -26,19 +26,22 @@ _LAYOUTS: dict[str, dict[int, Any]] = {
 """Names of the fields of Foxglove's messages by number, with the layout of those that are messages."""
 
 
-try:  # twice as fast, and optional
+try:  # faster, and optional
     from orjson import loads as _loads
 except ImportError:
+    _begun = json.JSONDecoder().raw_decode
 
     def _loads(data: Any) -> Any:
-        return json.loads(str(data, "utf-8"))
+        """As ``json.loads``, which looks for blanks first: an eighth of all that reading takes."""
+        message, end = _begun(text := str(data, "utf-8"))
+        return message if end == len(text) else json.loads(text)
 
 
 def _from_json(data: Any) -> dict[str, Any]:
     """The object that a message is."""
     try:
         message = _loads(data)
-    except ValueError:  # NaN, which is not JSON, is what many write where there is no altitude
+    except ValueError:  # orjson takes no NaN, which many write where there is no altitude
         message = json.loads(str(data, "utf-8"))
     if not isinstance(message, dict):
         raise ValueError("the message is no JSON object")

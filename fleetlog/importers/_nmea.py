@@ -15,8 +15,8 @@ from typing import Any
 
 from pynmeagps import NMEA_PAYLOADS_GET, NMEAMessage, calc_checksum
 
+from fleetlog.core.arrays import DAY
 from fleetlog.importers._rows import heading_of_course
-from fleetlog.importers._times import DAY
 
 BLOCK = 1 << 18
 LIMIT = 8200  # Longest UBX message [bytes] that is believed; a longer one is two bytes of chance

@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import DAY, Floats, Ints, Mask
 from fleetlog.importers._units import EPOCH_UNITS
 
 NONE = np.iinfo(np.int64).min  # A time that could not be read
@@ -22,7 +22,6 @@ EARLIEST_LOG, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2
 
 EARLIEST, LATEST = -9_214_560_000_000_000, 9_223_286_400_000_000
 """Times that a dataset can hold [us]: 1678-01-01 to 2262-04-11, what nanoseconds in 64 bits can count."""
-DAY = 86_400_000_000
 OF_DAY = r"^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)

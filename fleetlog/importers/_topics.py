@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.files import open_regular
@@ -47,6 +46,8 @@ def decoder(schema: str, encoding: str) -> Callable[[Any], dict[str, Any]] | Non
 
 
 def _links(message: dict[str, Any]) -> list[Link]:
+    from scipy.spatial.transform import Rotation
+
     links = []
     for said in message["transforms"]:
         transform, pose = said["transform"], np.eye(4)

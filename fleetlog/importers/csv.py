@@ -7,6 +7,8 @@ typed; a block with a cell that does not fit its type is read again as text and 
 import re
 from collections import Counter
 from collections.abc import Iterator
+from io import BytesIO
+from itertools import islice
 from pathlib import Path
 
 from fleetlog.errors import FormatError, InputError, nearest
@@ -68,26 +70,26 @@ def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
 
 def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tuple[TableReader, Block]:
     """A reader of the columns that the first lines name, and the block without those."""
-    lines = block.text.decode("utf-8", "replace").replace("\r\n", "\n").split("\n")
-    comment = profile.comment or "#"
-    skip, declared = profile.skip_lines, None
-    while skip < len(lines) and (not lines[skip].strip() or lines[skip].startswith((comment, "sep="))):
-        declared = lines[skip][4:5] if lines[skip].startswith("sep=") else declared
+    every = (line.decode("utf-8", "replace").rstrip("\r\n") for line in BytesIO(block.text))
+    skip, declared, comment = profile.skip_lines, None, profile.comment or "#"
+    for line in islice(every, skip, None):
+        if line.strip() and not line.startswith((comment, "sep=")):
+            break
+        declared = line[4:5] if line.startswith("sep=") else declared
         skip += 1
-    if skip >= len(lines):
+    else:
         raise FormatError("the file has no rows", where=path, do="give a log with rows")
-    delimiter = profile.delimiter or declared or find_delimiter(lines[skip : skip + 20])
+    lines = [line, *islice(every, SAMPLE)]
+    delimiter = profile.delimiter or declared or find_delimiter(lines[:20])
     names = list(profile.names)
     if not names:
-        names = cells_of(lines[skip], delimiter)
+        names = cells_of(lines.pop(0), delimiter)
         _check_header(names, path, skip + 1)
         skip += 1
-        names = fit_header(names, rows_of(lines[skip : skip + SAMPLE], delimiter), report)
-    decimal = profile.decimal or find_decimal(lines[skip : skip + 20], delimiter, report)
+        names = fit_header(names, rows_of(lines, delimiter), report)
+    decimal = profile.decimal or find_decimal(lines[:20], delimiter, report)
     reader = TableReader(lay_out(names, profile, report), delimiter, decimal)
-    text = block.text
-    for _ in range(skip):
-        text = text[text.find(b"\n") + 1 :] if b"\n" in text else b""
+    text = b"".join(block.text.split(b"\n", skip)[skip:])
     block = Block(text, block.first + skip, block.progress, block.cut)
     reader.decide(block)
     return reader, block

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from io import BufferedReader, BytesIO
 from pathlib import Path
 
+from fleetlog.core.arrays import DAY
 from fleetlog.core.words import count
 from fleetlog.importers._nmea import RANKS, Part, decode, frames, kind_of
 from fleetlog.importers._rows import Records
-from fleetlog.importers._times import DAY
 from fleetlog.importers.base import Importer, ReadOptions
 
 WAITING = 1 << 18  # Fixes that may wait for the first date

@@ -50,22 +50,22 @@ def test_irregular_sampling_weighs_time_not_rows(seed, n):
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.integers(1, 9_000_000, n)).astype(np.int64)
     x, y = rng.random(n) * 30, rng.random(n) * 30
-    layers, nan = np.zeros((6, 30, 30)), np.full(n, np.nan)
-    accumulate(x, y, time, nan, nan, 0.2, np.ones(n, bool), 0.0, 0.0, 1.0, 1e9, layers)
-    assert layers[0].sum() == pytest.approx((time[-1] - time[0]) * 1e-6)
+    layers, nan = np.zeros((900, 6)), np.full(n, np.nan)
+    accumulate(x, y, time, nan, nan, 0.2, np.ones(n, bool), 0.0, 0.0, 1.0, 1e9, 30, layers)
+    assert layers[:, 0].sum() == pytest.approx((time[-1] - time[0]) * 1e-6)
 
 
 def test_a_gap_is_nobody_s_time():
     time = np.array([0, 1, 2, 500, 501], np.int64) * 1_000_000
-    layers, at, nan = np.zeros((6, 10, 10)), np.full(5, 3.5), np.full(5, np.nan)
-    accumulate(at, at, time, nan, nan, 0.2, np.ones(5, bool), 0.0, 0.0, 1.0, 15.0, layers)
-    assert layers[0].sum() == pytest.approx(3.0)
+    layers, at, nan = np.zeros((100, 6)), np.full(5, 3.5), np.full(5, np.nan)
+    accumulate(at, at, time, nan, nan, 0.2, np.ones(5, bool), 0.0, 0.0, 1.0, 15.0, 10, layers)
+    assert layers[:, 0].sum() == pytest.approx(3.0)
 
 
 def test_passages_count_entries_not_rows():
     n = 21
     x = np.r_[np.linspace(0.5, 9.5, 10), 9.5, np.linspace(9.5, 0.5, 10)]
-    layers = np.zeros((6, 3, 12))
+    layers = np.zeros((3, 12, 6))
     accumulate(
         x,
         np.full(n, 1.5),
@@ -78,9 +78,10 @@ def test_passages_count_entries_not_rows():
         0.0,
         1.0,
         15.0,
-        layers,
+        12,
+        layers.reshape(-1, 6),
     )
-    assert layers[4, 1, 5] == 2 and layers[4, 1, 9] == 1
+    assert layers[1, 5, 4] == 2 and layers[1, 9, 4] == 1
 
 
 def test_speed_is_the_mean_over_time(fleet):

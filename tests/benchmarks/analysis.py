@@ -111,7 +111,7 @@ def heatmap() -> None:
     step = t, np.ones(n), np.ones(n), 0.2, np.ones(n, np.bool_)
     rows = {
         "fleetlog, six layers": lambda: accumulate(
-            x, y, *step, 0.0, 0.0, 1.0, 15.0, np.zeros((size, size, 6)).transpose(2, 0, 1)
+            x, y, *step, 0.0, 0.0, 1.0, 15.0, size, np.zeros((size * size, 6))
         )
     }
     rows["numpy histogram2d"] = lambda: np.histogram2d(y, x, size, bounds)

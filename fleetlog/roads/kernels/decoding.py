@@ -20,9 +20,8 @@ RARE = float(np.float32(np.exp(-JUMP)))
 LEFT = float(np.exp(-4.0))  # chance of leaving the roads, and of coming back
 SLACK = 5.0  # a way this much longer than what was travelled is tried: two corners, taken short [m]
 ENTER = float(np.exp(-0.5))  # chance of entering another edge: of two routes that fit alike the plainer one
-IDLE_ENTER = float(
-    np.exp(-2.0)
-)  # of entering one only to stand there: a truck at a node has not left its edge
+# Of entering one only to stand there: a truck at a node has not left its edge.
+IDLE_ENTER = float(np.exp(-2.0))
 OVER = 1.0 + 1e-9  # chances that are nearer to each other are equal
 Step = tuple[float, float, float, float, float]
 """Distance travelled, its spread, how far a way is tried [m]; chances of entering an edge and of turning."""
