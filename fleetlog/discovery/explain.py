@@ -121,11 +121,13 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     if not findings and not unexplained:
         fit.reason = fit.reason or _hidden(asked, fit.floor)
     taken = {k for h in told for k in h.knobs}
-    small = {k: n for k, n in numbers.items() if k not in taken and k in final.model.at}
-    return Explained(
-        problem, before.model, after, fit, order, [_adjustment(channel, k, n) for k, n in small.items()],
-        values, numbers, unexplained,
-    )  # fmt: skip
+    trucks = channel.fleet.vehicles
+    small = [
+        {"name": f"{k.term}.{k.parameter}", "vehicle": None if k.scope.one is None else trucks[k.scope.one],
+         "value": n.value, "low": n.low, "high": n.high, "unit": n.unit}
+        for k, n in numbers.items() if k not in taken and k in final.model.at
+    ]  # fmt: skip
+    return Explained(problem, before.model, after, fit, order, small, values, numbers, unexplained)
 
 
 def _on_all(asked: Task, model: Model, kept: Sequence[Hypothesis]) -> Joint:
@@ -208,11 +210,16 @@ def _finding(
     channel, term = problem.channel, h.physics
     scope = words.scope(h.scope, channel.fleet.vehicles)
     rivals = _open(found, h)
+    # The share of the finding's gain that each rival reached, on the trips of the search
+    others = [
+        {"term": r.hypothesis.term or "unknown", "depends_on": list(r.hypothesis.depends_on),
+         "held_out_gain": None if own.gain is None else own.gain * r.share}
+        for r in found.rivals.get(h.kind, [])[:6]
+    ]  # fmt: skip
     text = words.statement(term, parameters, where, scope) if term else words.unknown(h.depends_on, where)
     return Finding(
         h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on),
-        where, when, scope, parameters, own.evidence(_alternatives(found, h, own.gain)), own.fit,
-        own.gain or 0.0,
+        where, when, scope, parameters, own.evidence(others), own.fit, own.gain or 0.0,
     )  # fmt: skip
 
 
@@ -222,15 +229,6 @@ def _open(found: Search, h: Hypothesis) -> list[str]:
     chosen = {c.term for c in found.joint.chosen}
     names = [r.hypothesis.term or f"unknown({','.join(r.hypothesis.depends_on)})" for r in near]
     return [n for n in dict.fromkeys(names) if n not in chosen]
-
-
-def _alternatives(found: Search, h: Hypothesis, gain: float | None) -> list[dict[str, Any]]:
-    """The share of the finding's gain that each rival reached, on the trips of the search."""
-    return [
-        {"term": r.hypothesis.term or "unknown", "depends_on": list(r.hypothesis.depends_on),
-         "held_out_gain": None if gain is None else gain * r.share}
-        for r in found.rivals.get(h.kind, [])[:6]
-    ]  # fmt: skip
 
 
 def _where(
@@ -269,12 +267,3 @@ def _classes(problem: Problem, beside: Joint) -> dict[str, Any] | None:
     rows = zip(h.curve.classes, unit * beside.fitted.beta[own], unit * ends, strict=True)
     trips = {name: [float(v), float(v + low), float(v + high)] for name, v, (low, high) in rows}
     return {"trips": trips, "unit": "1" if h.curve.mode in ("force", "drive") else "W"}
-
-
-def _adjustment(channel: Channel, knob: Knob, n: Parameter) -> dict[str, Any]:
-    """As the contract writes it."""
-    return {
-        "name": f"{knob.term}.{knob.parameter}",
-        "vehicle": None if knob.scope.one is None else channel.fleet.vehicles[knob.scope.one],
-        "value": n.value, "low": n.low, "high": n.high, "unit": n.unit,
-    }  # fmt: skip

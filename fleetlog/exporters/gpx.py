@@ -4,7 +4,7 @@ import math
 import re
 from itertools import groupby
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 from xml.sax.saxutils import escape, quoteattr
 
 from fleetlog.core.site import Frame
@@ -45,14 +45,11 @@ def _segment(out: TextIO, t: Trajectory, frame: Frame) -> None:
     out.write("<trkseg>\n")
     for lat, lon, z, heading, time, *row in zip(*columns, iso_times(t.time), *cells(t, extras), strict=True):
         height = f"<ele>{z:.3f}</ele>" if z == z else ""
-        more = "".join(_extension(n, v) for n, v in zip(extras, row, strict=True) if v is not None)
+        known = ((n, v) for n, v in zip(extras, row, strict=True) if v is not None)
+        texts = ((n, f"{v:.9g}" if isinstance(v, float) else escape(str(v))) for n, v in known)
+        more = "".join(f"<fl:{n}>{text}</fl:{n}>" for n, text in texts)
         if heading == heading:
             more += f"<fl:course>{math.degrees(math.pi / 2 - heading) % 360.0:.4f}</fl:course>"
         tail = f"<extensions>{more}</extensions>" if more else ""
         out.write(f'<trkpt lat="{lat:.9f}" lon="{lon:.9f}">{height}<time>{time}</time>{tail}</trkpt>\n')
     out.write("</trkseg>\n")
-
-
-def _extension(name: str, value: Any) -> str:
-    text = f"{value:.9g}" if isinstance(value, float) else escape(str(value))
-    return f"<fl:{name}>{text}</fl:{name}>"

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from functools import cache, partial
 from typing import Any, NamedTuple
 
+import orjson
+
 from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
 from fleetlog.importers._times import iso_time
 from fleetlog.importers.osi import SCHEMAS, vehicles
@@ -26,21 +28,10 @@ _LAYOUTS: dict[str, dict[int, Any]] = {
 """Names of the fields of Foxglove's messages by number, with the layout of those that are messages."""
 
 
-try:  # faster, and optional
-    from orjson import loads as _loads
-except ImportError:
-    _begun = json.JSONDecoder().raw_decode
-
-    def _loads(data: Any) -> Any:
-        """As ``json.loads``, which looks for blanks first: an eighth of all that reading takes."""
-        message, end = _begun(text := str(data, "utf-8"))
-        return message if end == len(text) else json.loads(text)
-
-
 def _from_json(data: Any) -> dict[str, Any]:
     """The object that a message is."""
     try:
-        message = _loads(data)
+        message = orjson.loads(data)
     except ValueError:  # orjson takes no NaN, which many write where there is no altitude
         message = json.loads(str(data, "utf-8"))
     if not isinstance(message, dict):

@@ -118,6 +118,7 @@ class Fleet(NamedTuple):
     tail: Index
     on: Index
     inbound: Index
+    bound: Index  # (E,) trucks that are to go into a bay of a single-lane aisle, and not on it yet
     last_out: Index
     asks: Index  # (E,) the truck for which others stop on a lane, -1: none
     ask_at: Floats  # (E,) where they stop for it [m]
@@ -157,7 +158,7 @@ def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int
     shape: dict[str, int | tuple[int, int]] = {
         "route": (trucks, longest), "hand_times": (trucks, 3), "tail": pieces, "held": resources,
         "claimed": resources, "round": 1,
-        **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed", "walked"), lanes),
+        **dict.fromkeys(("on", "inbound", "bound", "last_out", "asks", "ask_at", "crossed", "walked"), lanes),
     }  # fmt: skip
     # NDArray[T] is an array of any shape of dtype[T].
     kinds = {name: get_args(get_args(hint)[1])[0] for name, hint in get_type_hints(Fleet).items()}

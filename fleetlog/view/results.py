@@ -7,7 +7,6 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fleetlog.core.arrays import Ints
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
 from fleetlog.simulate.track import stretch
@@ -30,7 +29,9 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
     """The shapes of a result as an .rrd file, whole or not at all; bars and curves not over time in words."""
     outline = shapes_outline(result, site)
     extent = around(outline)
-    times = np.concatenate([np.zeros(0, np.int64), *_times(result)])
+    moving = [s.time for s in result.shapes if isinstance(s, MovingLines)]
+    curves = (np.asarray(s.x) for s in _curves(result))
+    times = np.concatenate([np.zeros(0, np.int64), *moving, *curves])
     clock = skipping(np.unique(times // MINUTE))
     with open_stream(Path(out_rrd), f"{site.name}, {result.name}") as stream:
         stream.clock = clock
@@ -185,12 +186,6 @@ def _title(name: str) -> str:
 
 def _curves(result: Result) -> list[Series]:
     return [s for s in result.shapes if isinstance(s, Series) and s.over_time]
-
-
-def _times(result: Result) -> list[Ints]:
-    """The times of all that moves [us]."""
-    moving = [s.time for s in result.shapes if isinstance(s, MovingLines)]
-    return [*moving, *(np.asarray(s.x) for s in _curves(result))]
 
 
 def _layout(result: Result, screen: blueprint.Screen) -> rrb.Blueprint:

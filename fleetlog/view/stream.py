@@ -49,11 +49,9 @@ class Tape(list[tuple[str, tuple[Any, ...], dict[str, Any]]]):
         self.append(("send_columns", args, {}))
 
 
-def _told(descriptor: Any) -> tuple[Any, ...]:
-    return rr.ComponentDescriptor, (descriptor.component, descriptor.archetype, descriptor.component_type)
-
-
-copyreg.pickle(rr.ComponentDescriptor, _told)  # Rerun does not say how it is handed to another process
+copyreg.pickle(  # Rerun does not say how it is handed to another process
+    rr.ComponentDescriptor, lambda d: (rr.ComponentDescriptor, (d.component, d.archetype, d.component_type))
+)
 
 
 class Stream:

@@ -38,7 +38,8 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     if name == "speed":
         return TravelChannel(name, fleet, base, split, settings)
     measured = name == "soc" and fleet.has("battery_power")
-    step = _charge_step(fleet) if name == "soc" else 0.0
+    steps = [d.charge_step for d in fleet.days if d.charge_step > 0.0]
+    step = float(np.median(steps)) if name == "soc" and steps else 0.0  # In which the charge is logged
     window = _window(fleet, name, settings, step)
     coarse = _power_step(fleet) if name == "battery_power" else 0.0
     channel = EnergyChannel(name, fleet, base, split, window, _cells(fleet), measured, step, coarse)
@@ -66,12 +67,6 @@ def _window(fleet: Fleet, channel: str, settings: Settings, step: float) -> floa
         used = sum(d.charge_used for d in fleet.days)
         wide = max(wide, QUANTA * step * fleet.seconds / max(used, 1e-9))
     return float(min(wide, WIDEST))
-
-
-def _charge_step(fleet: Fleet) -> float:
-    """The step in which the state of charge is logged; 0 where nothing changes."""
-    steps = [d.charge_step for d in fleet.days if d.charge_step > 0.0]
-    return float(np.median(steps)) if steps else 0.0
 
 
 def _power_step(fleet: Fleet) -> float:

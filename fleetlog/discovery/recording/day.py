@@ -45,17 +45,14 @@ def day_of(vehicle: int, t: Trajectory, load: Callable[[], Trajectory] | None = 
     """Return a vehicle-day; ``load`` reads its rows again, and one in ``every`` stands for the others."""
     steps, trip, charge = np.diff(t.time) * 1e-6, t.trip_ids(), np.diff(t.floats("soc"))
     fell, changed = -charge[charge < 0.0], np.abs(charge[np.isfinite(charge) & (charge != 0.0)])
+    few = Trajectory(t.vehicle_id, t.time, {c: t.columns[c] for c in FEW if c in t.columns})
     return Day(
         vehicle, int(t.time[0] // DAY), len(t), float(t.time[0]) * 1e-6, float(t.time[-1]) * 1e-6,
         float(np.median(steps)), frozenset(c for c in t.columns if t.has(c)), np.unique(trip),
         float(steps[np.diff(trip) == 0].sum()), float(np.quantile(changed, 0.05)) if len(changed) else 0.0,
-        float(fell.sum()), t.has("x") and t.has("speed") and seldom(t), _few(t)[::every],
+        float(fell.sum()), t.has("x") and t.has("speed") and seldom(t), few[::every],
         load or partial(_same, t),
     )  # fmt: skip
-
-
-def _few(t: Trajectory) -> Trajectory:
-    return Trajectory(t.vehicle_id, t.time, {c: t.columns[c] for c in FEW if c in t.columns})
 
 
 def _same(t: Trajectory) -> Trajectory:

@@ -31,7 +31,8 @@ def judge(
     hides. ``strongest`` are two fits that differ by the hypothesis which says most; the noise floor is
     measured on a ``share`` of the trips."""
     channel, fits = problem.channel, [after, *beside.values(), *strongest]
-    energy, cluster, *pooled = _pooled(problem, fits, [*without.values(), before])
+    parts = channel.each(partial(_heard, problem, fits, [*without.values(), before]))
+    energy, cluster, *pooled = np.concatenate(list(parts), axis=1)
     others = [*pooled[2 * len(fits) : -1], *pooled[2 : 2 + 2 * len(beside) : 2]]
     modelled, concealed, left = *pooled[:2], energy - pooled[-1]
     if not len(energy) or not energy.any():
@@ -69,13 +70,10 @@ def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats
     return float(stdtr(len(score) - 1, -score.sum() / spread))
 
 
-def _pooled(problem: Problem, fits: Sequence[Joint], models: Sequence[Model]) -> Floats:
+def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], units: Iterable[Unit]) -> Floats:
     """(2 + 2 fits + models, W) of the windows held out: what was recorded, what they were held out with, what
     fits say and what by them sampling hides, and what models say."""
-    return np.concatenate(list(problem.channel.each(partial(_heard, problem, fits, models))), axis=1)
 
-
-def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], units: Iterable[Unit]) -> Floats:
     def heard(u: Unit) -> Floats:
         told = [values for joint in fits for values in said(problem, u, joint)]
         told += [problem.channel.predict(u, model) for model in models]

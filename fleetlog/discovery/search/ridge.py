@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.hypotheses.sources import Layout
@@ -132,9 +131,8 @@ def solve(gram: Floats, moment: Floats, prior: Prior, near: Floats | None = None
         free = held == 0
         beta = np.where(held < 0, prior.low, np.where(held > 0, prior.high, 0.0))
         if free.any():
-            right, inner = b[free] - h[np.ix_(free, ~free)] @ beta[~free], h[np.ix_(free, free)]
-            _, step, failed = dposv(inner, right)
-            beta[free] = np.linalg.solve(inner, right) if failed else step
+            right = b[free] - h[np.ix_(free, ~free)] @ beta[~free]
+            beta[free] = np.linalg.solve(h[np.ix_(free, free)], right)
         slope = h @ beta - b
         new = np.where(free & (beta < prior.low), -1, np.where(free & (beta > prior.high), 1, held))
         new = np.where(held * slope > ROUNDING * np.diag(h), 0, new).astype(np.int8)

@@ -160,8 +160,10 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     if ends_safe and high > low and (not has_room(r, f, v, f.route[v, high], x) or fills_ring(r, f, v, high)):
         return 2
     for k in range(low + 1, high):
-        # Who goes into a bay there could find a reservation beyond it in its way.
-        u = f.tail[f.route[v, k]]
+        # Who goes into a bay there, or is about to, could find a reservation beyond it in its way.
+        u, p = f.tail[f.route[v, k]], f.route[v, k]
+        if p < len(r.clear) and f.bound[p] > 0:
+            return 1
         while u >= 0:
             if f.at[u] == f.last[u]:
                 return 1
@@ -180,8 +182,8 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     f.held_from[v], f.held_to[v] = low, high
     for k in range(low, high + 1):
         f.held[resource(r, f, v, k, low, high)] += 1
-    if ends_safe and high > low:
-        f.inbound[f.route[v, high]] += 1
+    if high > low:
+        (f.inbound if ends_safe else f.bound)[f.route[v, high]] += 1
     return 0
 
 
@@ -218,8 +220,8 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
             f.left_hold[v] = r.length[q] + 1.0 if r.swings[q] else 0.0
         if q < len(r.clear):
             f.on[q] += 1
-            if is_safe_lane(r, q) and f.held_to[v] == f.at[v]:
-                f.inbound[q] -= 1
+            if f.held_to[v] == f.at[v]:
+                (f.inbound if is_safe_lane(r, q) else f.bound)[q] -= 1
         f.ahead[v], f.tail[q], f.piece[v] = f.tail[q], v, q
 
 
@@ -257,7 +259,8 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
     there = abs(end - at) < NEAR and f.v[v] < REST
     if c >= 0 and f.crossed[c] == v and (there or (at >= r.door_over[d] if enters else at <= r.door_onto[d])):
         f.crossed[c] = -1
-    if enters and f.piece[v] >= 0 and (there or at >= r.door_off[d]):
+    # A single-lane aisle is kept to the end: given back earlier, who is to come out there waits for longer.
+    if enters and f.piece[v] >= 0 and (there or (is_safe_lane(r, lane) and at >= r.door_off[d])):
         drop(f, v, lane)
         f.on[lane] -= 1
         f.piece[v] = -1
