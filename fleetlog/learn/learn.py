@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from fleetlog.core.arrays import Ints
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
 from fleetlog.core.site import Frame, Site
@@ -91,18 +90,15 @@ def described(found: Roads, noise: float) -> Network:
     n = found.network
     both = n.reverse >= 0
     names = [n.edge_ids[i] if both[i] else n.roads[i] for i in range(len(n))]
-    limits = [_speed(histogram) for histogram in found.evidence.speeds]
+    # The speed that all but a few of the rows stay below [m/s]
+    below = [np.cumsum(histogram) for histogram in found.evidence.speeds]
+    free = [float((np.searchsorted(b, FREE * b[-1]) + 1) * SPEED_STEP) for b in below]
+    limits = [math.nan if b[-1] < FEW else v for b, v in zip(below, free, strict=True)]
     widths = [_width(found, i, bool(both[i]), noise) for i in range(len(n))]
     told = zip(n.edges(), names, limits, widths, strict=True)
     edges = [replace(e, id=name, speed_limit=limit, width=width) for e, name, limit, width in told]
     turns = [(names[i], names[int(j)]) for i in range(len(n)) for j in n.successors(i)]
     return build_network(edges, turns, has_elevation=False)
-
-
-def _speed(histogram: Ints) -> float:
-    """Speed that all but a few of the rows stay below [m/s]."""
-    below = np.cumsum(histogram)
-    return math.nan if below[-1] < FEW else float((np.searchsorted(below, FREE * below[-1]) + 1) * SPEED_STEP)
 
 
 def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
