@@ -149,7 +149,8 @@ def _roads(f: Finding) -> Table | None:
         return None
     # A factor of 2.3 is told so, any other number without a unit as a share.
     first = term.parameters[0] if term is not None and term.parameters else None
-    name, unit = ("mismatch", "1") if first is None else (first.name, first.unit)
+    free = "mismatch", "1" if f.channel == "speed" else "W"
+    name, unit = free if first is None else (first.name, first.unit)
     factor, unit = (100.0, "%") if unit == "1" and name != "factor" else (1.0, unit)
     rows = [
         [e["edge_id"], f"{e['from']:.0f} to {e['to']:.0f}",

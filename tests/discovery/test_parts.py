@@ -30,7 +30,7 @@ from fleetlog.discovery.recording.fleet import Fleet, read_fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
 from fleetlog.discovery.recording.turns import Turn, _map_explains, crossings, measure
-from fleetlog.discovery.report.fields import Values
+from fleetlog.discovery.report.fields import Values, told
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
 from fleetlog.discovery.search.beside import _best
@@ -420,3 +420,19 @@ def test_a_stretch_gains_no_more_than_a_plausible_value_of_it() -> None:
     gain, first, last = _best(moment, np.eye(len(cells)), (-0.05, 19.0), 0.0, cells, 0, 5)
     assert not first <= 2 < last
     assert gain == pytest.approx(2.0)
+
+
+def test_what_has_no_name_still_has_its_place() -> None:
+    """Of a road of five stretches two need 900 and 1100 W more than any term says."""
+    cells = make_stretches(network())
+    watts = np.where(np.arange(len(cells)) == 1, 900.0, 0.0) + np.where(
+        np.arange(len(cells)) == 2, 1100.0, 0.0
+    )
+    seen = np.full(len(cells), 10)
+    values = Values(watts, seen, np.eye(len(cells)), 100.0 * np.eye(len(cells)))
+    where, numbers = told(cells, values, Hypothesis(field=True))
+    assert where is not None and numbers == []
+    (row,) = where["edges"]
+    assert (row["from"], row["to"]) == (cells.start[1], cells.end[2])
+    assert row["low"] < row["value"] < row["high"] and row["value"] == pytest.approx(1000.0)
+    assert where["extent"] == pytest.approx([*cells.middle[1:3].min(axis=0), *cells.middle[1:3].max(axis=0)])

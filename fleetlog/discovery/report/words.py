@@ -94,7 +94,7 @@ def advice(f: Finding) -> str:
 def unknown(depends_on: Sequence[str], where: dict[str, Any] | None) -> str:
     """Return the sentence of a mismatch that no term explains."""
     what = " and ".join(s for s in (VARIABLES.get(d, d.replace("_", " ")) for d in depends_on) if s)
-    at = f" {place(where)}" if where else ""
+    at = f", mostly {place(where)}" if where else ""
     return f"A mismatch that no known term explains depends on {what}{at}"
 
 
