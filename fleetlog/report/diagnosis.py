@@ -66,7 +66,7 @@ def diagnosis_page(d: Diagnosis, drawn: Result, site: Site) -> str:
 def _cost(d: Diagnosis) -> list[str]:
     """What the effects found add to the energy of the recording."""
     e = d.channels.get("battery_power") or d.channels.get("soc")
-    if e is None or not e.findings:
+    if e is None or all(f.term == "unknown" for f in e.findings):
         return []
     channel, added, whole = e.problem.channel, 0.0, 0.0
     for unit in channel.units():
@@ -154,7 +154,7 @@ def _roads(f: Finding) -> Table | None:
     factor, unit = (100.0, "%") if unit == "1" and name != "factor" else (1.0, unit)
     rows = [
         [e["edge_id"], f"{e['from']:.0f} to {e['to']:.0f}",
-         *(f"{factor * e[k]:.3g}" for k in ("value", "low", "high"))]
+         *(f"{float(f'{factor * e[k]:.3g}'):,g}" for k in ("value", "low", "high"))]
         for e in edges[:MOST_ROADS]
     ]  # fmt: skip
     head = ["Road", "stretch [m]", name if unit == "1" else f"{name} [{unit}]", "95 % from", "to"]
