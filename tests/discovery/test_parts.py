@@ -351,12 +351,18 @@ def test_a_stop_for_a_purpose_makes_no_second_passage(waits: list[float], parts:
     inside = np.ones(20, bool)
     inside[[0, half]] = False
     before = Motion.of(1, edge=np.zeros(1, np.int32), edge_offset=np.array([lanes.end[1] - 0.01]))
-    started = _shares(lanes, motion, inside.astype(float), inside, np.array(waits))
+
+    def shares(m: Motion, driven: np.ndarray) -> np.ndarray:
+        lane = lanes.at(m)[0]
+        run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~driven) - 1
+        return _shares(lane, run, driven.astype(float), driven, np.array(waits))
+
+    started = shares(motion, inside)
     assert started.sum() == (1.0 if waits[0] else 0.0)
     whole = join([before, motion])
     drive = np.append(False, np.ones(20, bool))
     drive[1 + half] = False
-    share = _shares(lanes, whole, drive.astype(float), drive, np.array(waits))[1:]
+    share = shares(whole, drive)[1:]
     assert [share[:half].sum(), share[half:].sum()] == pytest.approx(parts, abs=0.06)
 
 

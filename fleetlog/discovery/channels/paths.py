@@ -179,12 +179,13 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     took += standing
     recorded = np.asarray(np.bincount(of, took, count), dtype=np.float64)
     step = np.where(inside, np.diff(s, prepend=s[:1]), 0.0)
-    share = _shares(lanes, motion, step, inside, wait)
+    lane = lanes.at(motion)[0]
+    passage = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1
+    share = _shares(lane, passage, step, inside, wait)
     assert fleet.network is not None
     limit = np.nan_to_num(fleet.network.speed_limit, nan=np.inf)[motion.edge]
     motion = motion.replaced(speed=limit, time=motion.time + r.start, vehicle=np.full(len(motion), r.vehicle))
     stops = [b + node for v, b in zip(found, np.cumsum([0, *size]), strict=False) for node in v.leg.stops]
-    passage = np.cumsum(~inside | (np.diff(lanes.at(motion)[0], prepend=-1) != 0))
     behind, astray = (np.concatenate(f) for f in ([v.behind for v in found], [v.astray for v in found]))
     # Where a truck also stood for another, nobody knows what of it was a wait.
     behind, astray, queued = (
@@ -222,14 +223,13 @@ def across(limit: Floats, edge: NDArray[Any], s: Floats, inside: Mask) -> Floats
     return out
 
 
-def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: Floats) -> Floats:
-    """(G,) part of the passage of a lane that each step is; the parts of a passage add up to one.
+def _shares(lane: Index, run: Ints, step: Floats, inside: Mask, waits: Floats) -> Floats:
+    """(G,) part of the passage of a ``lane`` that each step is, of which ``run`` counts the parts driven
+    without a stop; the parts of a passage add up to one.
 
     Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the
     wait.  Whoever sets off there goes on with the passage that ended there, or passes nothing."""
-    lane = lanes.at(motion)[0]
     begin = np.flatnonzero(~inside)
-    run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1
     count = int(run[-1]) + 1
     passage, stop, passed = np.arange(count), np.full(count, -1), np.ones(count, bool)
     passed[run[begin]] = False
