@@ -102,6 +102,7 @@ def test_time_lost_is_what_is_over_undisturbed_passages_of_the_same_place() -> N
             np.zeros(40),
             took,
             np.zeros(40),
+            np.zeros(40, bool),
             np.zeros(40, np.float32),
             np.zeros(40, np.float32),
             np.array([behind]),

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from fleetlog.core.motion import Motion, join
+from fleetlog.core.motion import Motion
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -20,7 +20,9 @@ from fleetlog.core.truck import Chassis, Truck
 from fleetlog.discovery.channels.choose import channel_of
 from fleetlog.discovery.channels.energy import _recorded
 from fleetlog.discovery.channels.energy_columns import Evaluation
-from fleetlog.discovery.channels.paths import _shares, across, kinks
+from fleetlog.discovery.channels.paths import Path as DrivenPath
+from fleetlog.discovery.channels.paths import across, kinks
+from fleetlog.discovery.channels.waits import Places
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, _numbers
 from fleetlog.discovery.model import FLEET, Model
@@ -339,31 +341,54 @@ def test_limits_are_shared_where_roads_meet() -> None:
     assert (shared == limit)[np.abs(s - 30.0) > 5.5].all()
 
 
-@pytest.mark.parametrize(("waits", "parts"), [([0.0, 0.0], [0.5, 0.5]), ([9.0, 0.0], [1.0, 0.0])])
-def test_a_stop_for_a_purpose_makes_no_second_passage(waits: list[float], parts: list[float]) -> None:
-    """A truck stops within a stretch, for a purpose or not, and goes on; who begins there has not passed it."""
+def driven(
+    edge_offset: np.ndarray, inside: np.ndarray, standing: dict[int, float], held: int = -1
+) -> DrivenPath:
+    """A drive on edge 0, one window a leg, with stops at some nodes."""
+    n = len(edge_offset)
+    motion = Motion.of(n, edge=np.zeros(n, np.int32), edge_offset=edge_offset)
+    stood = np.array([standing.get(k, 0.0) for k in range(n)])
+    of, nothing = np.cumsum(~inside) - 1, np.zeros(n, np.float32)
+    none = np.zeros(int(of[-1]) + 1, bool)
+    on = np.arange(n) == held
+    return DrivenPath(
+        motion, edge_offset, inside, of, nothing, nothing, stood, on, nothing, nothing, none, none
+    )
+
+
+@pytest.mark.parametrize(("wait", "parts"), [(0.0, [0.5, 0.5]), (9.0, [1.0, 0.0])])
+def test_a_stop_for_a_purpose_makes_no_second_passage(wait: float, parts: list[float]) -> None:
+    """A truck stops within a stretch, for a purpose or not, and goes on; of less than half nothing is told."""
     lanes = make_stretches(network(), apart=True)
-    middle, length = 0.5 * (lanes.start + lanes.end)[0], lanes.end[0]
-    one = np.linspace(0.01, length - 0.01, 20)
-    offset = np.concatenate([one[one < middle], one[one >= middle]])
-    motion = Motion.of(20, edge=np.zeros(20, np.int32), edge_offset=offset)
-    half = int((one < middle).sum())
+    size = lanes.end - lanes.start
+    at = np.linspace(0.01, size[0] - 0.01, 20)
     inside = np.ones(20, bool)
-    inside[[0, half]] = False
-    before = Motion.of(1, edge=np.zeros(1, np.int32), edge_offset=np.array([lanes.end[1] - 0.01]))
+    inside[[0, 10]] = False
+    path = driven(at, inside, {9: wait})
+    _, passed, share = path.passages(lanes.at(path.motion)[0], size)
+    assert passed.tolist() == [True]
+    assert [share[:10].sum(), share[10:].sum()] == pytest.approx(parts, abs=0.06)
+    late = driven(at[11:], inside[1:10] > 0, {0: 0.0})
+    assert late.passages(lanes.at(late.motion)[0], size)[2].sum() == 0.0
 
-    def shares(m: Motion, driven: np.ndarray) -> np.ndarray:
-        lane = lanes.at(m)[0]
-        run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~driven) - 1
-        return _shares(lane, run, driven.astype(float), driven, np.array(waits))
 
-    started = shares(motion, inside)
-    assert started.sum() == (1.0 if waits[0] else 0.0)
-    whole = join([before, motion])
-    drive = np.append(False, np.ones(20, bool))
-    drive[1 + half] = False
-    share = shares(whole, drive)[1:]
-    assert [share[:half].sum(), share[half:].sum()] == pytest.approx(parts, abs=0.06)
+def test_waits_beside_a_border_of_two_stretches_are_those_of_one_place() -> None:
+    """Trucks stop now before and now behind the border: every passage has one wait, on the stretch with more
+    of them; and where one stop was for another truck, nobody knows what of the passage was a wait."""
+    lanes = make_stretches(network(), apart=True)
+    stops = np.zeros(len(lanes))
+    stops[[1, 2]] = 4, 13
+    places = Places(lanes, stops)
+    assert places.place.tolist() == [2 if k == 1 else k for k in range(len(lanes))]
+    at = np.linspace(0.1, 39.9, 400)
+    for stop in (15.5, 16.5):
+        node = int(np.searchsorted(at, stop))
+        path = driven(at, np.arange(400) > 0, {node: 9.0})
+        place = places.at(path)
+        assert path.passages(place, places.size)[2][place == 2].sum() == 1.0
+        assert path.alone(place).all()
+        other = driven(at, np.arange(400) > 0, {}, held=int(np.searchsorted(at, 32.0 - stop)))
+        assert not other.alone(place).any()
 
 
 def test_numbers_of_one_term_are_tried_one_by_one_and_in_pairs() -> None:

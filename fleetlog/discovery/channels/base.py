@@ -234,7 +234,7 @@ class Channel(ABC):
         return {n: k for n, k in found.items() if k}
 
     def passes(self, term: Term | None) -> Ints:
-        """Return how many windows touch each value of a field, or of places (None), (C,)."""
+        """Return how many windows that count touch each value of a field, or of places (None), (C,)."""
         if (name := term.name if term else None) not in self._passes:
             self._passes[name] = np.sum(list(self.each(partial(_touched, self.cells(term)))), axis=0)
         return self._passes[name]
@@ -268,9 +268,10 @@ def _of_date(channel: Channel, work: Callable[[Iterable[Unit]], R], date: int) -
 def _touched(cells: Cells, units: Iterable[Unit]) -> Ints:
     size = cells.size
     total = np.zeros(size, np.int64)
-    for own in (unit.own for unit in units):
-        for number, _ in cells.parts(own.motion):
-            pairs = np.unique(own.of[number >= 0] * size + number[number >= 0])
+    for unit in units:
+        for number, _ in cells.parts(unit.own.motion):
+            on = (number >= 0) & unit.whole[unit.own.of]
+            pairs = np.unique(unit.own.of[on] * size + number[on])
             total += np.bincount(pairs % size, minlength=size)
     return total
 

@@ -35,9 +35,10 @@ class Path:
     """Legs of a vehicle-day laid end to end: G nodes.
 
     ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the
-    node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane
-    that belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at
-    the node, neither for a purpose nor for another truck; ``kink`` (G,) curvature [1/m] that a truck would
+    node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,), of a unit, part of the passage of
+    its place that belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent
+    ``standing`` at the node, neither for a purpose nor for another truck, and whether it stood for one there,
+    ``held``; ``kink`` (G,) curvature [1/m] that a truck would
     take which follows the line of the map; ``across`` (G,) the limit [m/s] if that of junctions were the mean
     of their roads'; ``behind`` (W,) whether another truck was in the way in a window,
     and ``apart`` (W,) whether it was, but whatever the truck stood for was not that: of a unit, where only
@@ -47,9 +48,10 @@ class Path:
     s: Floats
     inside: Mask
     of: Ints
-    share: Floats
+    share: NDArray[np.float32]
     took: Floats
     standing: Floats
+    held: Mask
     kink: NDArray[np.float32]
     across: NDArray[np.float32]
     behind: Mask
@@ -59,6 +61,29 @@ class Path:
     def count(self) -> int:
         """Number of windows."""
         return len(self.behind)
+
+    def passages(self, place: Ints, size: Floats) -> tuple[Ints, Mask, NDArray[np.float32]]:
+        """Return (G,) the passage of a ``place``, (G,), that each node belongs to; of each whether it is one;
+        and (G,) what part of it a step is. Less than half of the ``size`` of a place, (C,) [m], is none.
+
+        Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has
+        the wait.  Whoever sets off there goes on with the passage that ended there."""
+        first = np.diff(place, prepend=-1) != 0
+        of, stood = np.cumsum(first) - 1, np.flatnonzero(self.standing > 0.0)
+        step = np.where(self.inside, np.diff(self.s, prepend=self.s[:1]), 0.0)
+        driven = np.bincount(of, step)
+        passed = driven >= 0.5 * size[place[first]]
+        share = np.where(passed[of], step / np.maximum(driven, 1e-9)[of], 0.0)
+        share[np.isin(of, of[stood])] = 0.0
+        share[stood[np.diff(of[stood], append=-1) != 0]] = 1.0
+        passed[of[stood]] = True
+        return of, passed, share.astype(np.float32)
+
+    def alone(self, place: Ints) -> Mask:
+        """Return (W,) windows without a passage of a place in which the truck also stood for another: nobody
+        knows what of it was a wait."""
+        of = np.cumsum(np.diff(place, prepend=-1) != 0)
+        return np.asarray(self.summed(np.isin(of, of[self.held]).astype(float)) == 0.0)
 
     @property
     def last(self) -> Mask:
@@ -178,20 +203,14 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     standing[np.cumsum(size) - 1] = wait
     took += standing
     recorded = np.asarray(np.bincount(of, took, count), dtype=np.float64)
-    step = np.where(inside, np.diff(s, prepend=s[:1]), 0.0)
-    lane = lanes.at(motion)[0]
-    passage = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1
-    share = _shares(lane, passage, step, inside, wait)
     assert fleet.network is not None
     limit = np.nan_to_num(fleet.network.speed_limit, nan=np.inf)[motion.edge]
     motion = motion.replaced(speed=limit, time=motion.time + r.start, vehicle=np.full(len(motion), r.vehicle))
-    stops = [b + node for v, b in zip(found, np.cumsum([0, *size]), strict=False) for node in v.leg.stops]
+    held, starts = np.zeros(len(took), bool), np.cumsum([0, *size])
+    held[[b + node for leg, b in zip(parts, starts, strict=False) for node in leg.stops]] = True
     behind, astray = (np.concatenate(f) for f in ([v.behind for v in found], [v.astray for v in found]))
-    # Where a truck also stood for another, nobody knows what of it was a wait.
-    behind, astray, queued = (
-        np.bincount(of, flags, count) > 0 for flags in (behind, astray, np.isin(passage, passage[stops]))
-    )
-    metres = np.asarray(np.bincount(of, step, count), dtype=np.float64)
+    behind, astray = (np.bincount(of, flags, count) > 0 for flags in (behind, astray))
+    metres = np.bincount(of, np.where(inside, np.diff(s, prepend=s[:1]), 0.0), count).astype(np.float64)
     middle = np.searchsorted(of, np.arange(count)) + np.bincount(of) // 2
     windows = Windows(
         trip=motion.trip[middle] + TRIP * r.vehicle, vehicle=motion.vehicle[middle],
@@ -199,11 +218,14 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
         edge=motion.edge[middle].astype(np.int64), duration=np.maximum(metres, 0.5), distance=metres,
         x=motion.x[middle], y=motion.y[middle], time=motion.time[middle],
     )  # fmt: skip
-    of, share, standing = of.astype(np.int32), share.astype(np.float32), standing.astype(np.float32)
+    of, standing = of.astype(np.int32), standing.astype(np.float32)
     kink = kinks(fleet.network, motion.edge, motion.edge_offset).astype(np.float32)
     shared = across(limit, motion.edge, s, inside).astype(np.float32)
-    apart = behind & ~astray & ~queued & (recorded > 0.0)
-    path = Path(narrow(motion), s, inside, of, share, took, standing, kink, shared, behind, apart)
+    apart = behind & ~astray & (recorded > 0.0)
+    share = np.broadcast_to(np.float32(0.0), of.shape)
+    path = Path(
+        narrow(motion), s, inside, of, share, took, standing, held, kink, shared, behind, apart
+    )  # fmt: skip
     return path, windows, recorded, (recorded > 0.0) & ~behind & ~astray
 
 
@@ -221,28 +243,6 @@ def across(limit: Floats, edge: NDArray[Any], s: Floats, inside: Mask) -> Floats
     for i in np.flatnonzero((np.diff(edge) != 0) & (np.diff(limit) != 0.0) & inside[1:]).tolist():
         out[np.searchsorted(s, s[i] - CENTRE) : np.searchsorted(s, s[i] + CENTRE)] = limit[i : i + 2].mean()
     return out
-
-
-def _shares(lane: Index, run: Ints, step: Floats, inside: Mask, waits: Floats) -> Floats:
-    """(G,) part of the passage of a ``lane`` that each step is, of which ``run`` counts the parts driven
-    without a stop; the parts of a passage add up to one.
-
-    Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the
-    wait.  Whoever sets off there goes on with the passage that ended there, or passes nothing."""
-    begin = np.flatnonzero(~inside)
-    count = int(run[-1]) + 1
-    passage, stop, passed = np.arange(count), np.full(count, -1), np.ones(count, bool)
-    passed[run[begin]] = False
-    for start, end, wait in zip(begin[1:], begin[1:] - 1, waits, strict=False):
-        if lane[start] == lane[end]:
-            passage[run[start]] = passage[run[end]]
-            if wait > 0.0:
-                stop[passage[run[end]]], passed[passage[run[end]]] = end, True
-    of = passage[run]
-    share = np.where(passed[of], step / np.maximum(np.bincount(of, step, count), 1e-9)[of], 0.0)
-    share[stop[of] >= 0] = 0.0
-    share[stop[stop >= 0]] = 1.0
-    return np.asarray(share)
 
 
 def _windows(parts: list[Leg], length: float) -> Ints:

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.discovery.channels import paths
 from fleetlog.discovery.channels.base import About, Channel, Columns, Unit
 from fleetlog.discovery.channels.paths import Laid, Lost, Passed, Path
+from fleetlog.discovery.channels.waits import Waits, stands, waits
 from fleetlog.discovery.hypotheses import sources
 from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
 from fleetlog.discovery.hypotheses.sources import (
@@ -32,8 +33,6 @@ from fleetlog.physics.motion.legs import quickest
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Term
 
-FEW = 3  # Stops from which on trucks wait at a place
-SCATTER = 0.5  # Of waits, as a share of their mean, by what counts as one passage; the others tell the rest
 GATHERS = 2.5  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
 ERRORS = (
     ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25),
@@ -61,6 +60,7 @@ def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:
 class TravelAbout(About):
     """What a model says of the time that the windows of a path take, (W,) [s], and columns about it."""
 
+    channel: "TravelChannel"
     own: Path
     physics: Physics
     waits: Floats  # (G,) seconds of standing at every node that belong to the place
@@ -105,16 +105,18 @@ class TravelAbout(About):
 
     def _field(self, source: FieldSource) -> Floats:
         term, cells = source.physics, self.channel.cells(source.physics)
+        place: Index | Ints = cells.at(self.own.motion)[0]
         if term is None:
             slope = UNIT["time"] * self.seconds
         elif term.acts == "wait":
-            slope = self._shared(source.scope, self.own.share)
+            place = self.channel.waits.places.at(self.own)
+            slope = self._shared(source.scope, np.asarray(self.own.share, float))
         else:
             first = term.parameters[0]
             now = np.asarray(self.physics.values.get(term.name, {}).get(first.name, first.neutral), float)
             # Where a cap binds, time goes with the inverse of the share of it that is driven.
             slope = self._shared(source.scope, np.where(self._times[1], self.seconds * now, 0.0))
-        return np.asarray(self.own.by_column(cells.at(self.own.motion)[0], slope, len(cells)) @ cells.root)
+        return np.asarray(self.own.by_column(place, slope, len(cells)) @ cells.root)
 
     def _curve(self, curve: FreeCurve) -> Floats:
         time, total = UNIT["time"] * self.seconds, np.zeros((self.own.count, curve.width))
@@ -148,8 +150,7 @@ class TravelChannel(Channel):
 
     settings: Settings
     turns: Turns = field(default_factory=lambda: Turns({}, 0.0), init=False)
-    scatter: Floats = field(init=False)  # (n,) of waits on each stretch of a lane [s2]
-    waited: Mask = field(init=False)  # (n,) on which trucks stood for no purpose: only there they waited
+    waits: Waits = field(init=False)
 
     def __post_init__(self) -> None:
         network = self.fleet.network
@@ -184,16 +185,13 @@ class TravelChannel(Channel):
             if laid is not None:
                 found.append(laid)
                 self.shelf.put(str(date), number, laid)
-        return turns, self._stands(found)
+        seen = [(whole | p.apart) & (self.split.fold(w) != HELD_OUT) for p, w, _, whole in found]
+        return turns, stands(found, seen, self.lanes)
 
     def learn(self, told: list[Any]) -> None:
         """Learn how turns are driven, where trucks wait, and how waits scatter."""
         self.turns = measure([one for turns, _ in told for one in turns], self.fleet.truck)
-        passages, stops, wait, off = np.sum([stands for _, stands in told], axis=0)
-        # What holds up one direction of a road often holds up the other.
-        self.waited = stops + np.where(self.lanes.opposite >= 0, stops[self.lanes.opposite], 0) >= FEW
-        passed, stood = (np.maximum(count, 1.0) for count in (passages, stops))
-        self.scatter = (off + (SCATTER * wait / stood) ** 2) / passed
+        self.waits = waits([stood for _, stood in told], self.lanes)
 
     def of(self, date: int) -> Iterator[Unit]:
         """Yield the units of a date, made of its paths once turns and places to wait are known."""
@@ -202,35 +200,13 @@ class TravelChannel(Channel):
                 self.shelf.put(str(date), number, self._unit(laid))
         yield from super().of(date)
 
-    def _stands(self, laid: list[Laid]) -> Floats:
-        """(4, n) by stretch of a lane: passages, stops, seconds of standing, and squares of how far waits
-        scatter. A truck with another in its way waits as well: of such passages only the standing counts."""
-        n, found = len(self.lanes), [np.zeros((3, 0))]
-        for path, windows, _, whole in laid:
-            cell = self.lanes.at(path.motion)[0].astype(np.int64)
-            seen = ((whole | path.apart) & (self.split.fold(windows) != HELD_OUT))[path.of]
-            first = np.flatnonzero(np.diff(cell, prepend=-1))  # Of every passage
-            wait = np.add.reduceat(np.where(seen, path.standing, 0.0), first)
-            # Whoever sets off there has not passed.
-            use = (seen & path.inside)[first] | (wait > 0.0)
-            found.append(np.stack([cell[first], path.motion.time[first], wait])[:, use])
-        lane, time, wait = np.concatenate(found, axis=1)
-        order = np.lexsort((time, lane))
-        lane, wait = lane[order].astype(np.int64), wait[order]
-        # Passages are compared with the one before: where trucks wait since noon, that is no scatter.
-        next_one = np.diff(lane) == 0
-        off = np.bincount(lane[1:][next_one], 0.5 * np.diff(wait)[next_one] ** 2, n)
-        passages, stops = (np.bincount(lane[k], minlength=n) for k in (wait >= 0.0, wait > 0.0))
-        return np.stack([passages, stops, np.bincount(lane, wait, n), off])
-
     def _unit(self, laid: Laid) -> Unit:
         path, windows, recorded, whole = laid
-        cell = self.lanes.at(path.motion)[0]
-        noise, waits = np.zeros(len(recorded)), self.waited[cell]
-        np.maximum.at(noise, path.of, np.where(waits, self.scatter[cell], 0.0))
+        place = self.waits.places.at(path)
+        noise, here = self.waits.noise(path, place), self.waits.here[place]
         driven = self.turns.along(path.s, path.motion.edge, path.motion.curvature, path.inside)
-        share = np.where(waits, path.share, 0.0)
-        apart = path.apart & (path.summed(waits.astype(float)) > 0.0)
+        share = path.passages(place, self.waits.places.size)[2] * here
+        apart = path.apart & (path.summed(here.astype(float)) > 0.0) & path.alone(place)
         path = replace(path, motion=path.motion.replaced(curvature=driven), share=share, apart=apart)
         nominal = self.about(path, self.base)
         level = path.summed(nominal.seconds + nominal.waits)
@@ -250,7 +226,7 @@ class TravelChannel(Channel):
             if term.acts == "wait":
                 m = path.motion
                 there = model.share(name, int(m.vehicle[0]), m.time)
-                total += np.maximum(deviation, 0.0)[self.lanes.at(m)[0]] * path.share * there
+                total += np.maximum(deviation, 0.0)[self.waits.places.at(path)] * path.share * there
         return total
 
     def cells(self, term: Term | None) -> Stretches:
