@@ -8,6 +8,7 @@ from functools import partial
 from fleetlog import engines
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
+from fleetlog.core.words import percent
 from fleetlog.discovery.channels.base import lay_out
 from fleetlog.discovery.channels.choose import CHANNELS, ROWS, channel_of, present
 from fleetlog.discovery.explain import Explained, Task, explain, searched, task
@@ -105,8 +106,17 @@ def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault])
     once = any(e.problem.split.once for e in explained.values())
     unexplained = [n for n, e in explained.items() if e.unexplained]
     adjustments = [a for e in explained.values() for a in e.adjustments]
-    notes = absences(fleet, once) + [n for e in explained.values() for n in e.problem.channel.notes]
+    notes = absences(fleet, once) + [n for e in explained.values() for n in _hidden(e)]
     return Verdict([e.fit for e in explained.values()], order, adjustments, unexplained, notes)
+
+
+def _hidden(e: Explained) -> list[str]:
+    """What a channel hides. No travel time is known better than by the profile's own error."""
+    channel, settings = e.problem.channel, e.problem.settings
+    if channel.model_error <= max(settings.material, settings.profile_error):
+        return channel.notes
+    least = f"{channel.name}: the time between rows hides what changes it by less than "
+    return [*channel.notes, least + percent(channel.model_error)]
 
 
 def check(**names: Sequence[str]) -> None:

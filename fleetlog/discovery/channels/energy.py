@@ -171,7 +171,7 @@ class EnergyChannel(Channel):
         seconds = np.bincount(window, rare.motion.dt, c.count)
         left = -self.evaluation(rare, self.base).power
         now = -self.predict(unit, self.base)
-        if self.name == "battery_power":
+        if self.name == "battery_power" and rare.vehicle not in self.fleet.interval:  # A mean lacks nothing
             left, now = left + rare.motion.power, now + unit.recorded
         energy = np.bincount(window, left * rare.motion.dt, c.count) * 1e-3
         # At the ends of trips and at gaps the rows left out are lost time.

@@ -66,7 +66,8 @@ class Fault:
 
 @dataclass(frozen=True)
 class _Look:
-    """What a piece of a vehicle's log says: a value, and the share unexplained without and with it."""
+    """What a piece of a vehicle's log says: how late it is [s], and the share unexplained without and with
+    a shift by that."""
 
     value: float
     before: float
@@ -204,13 +205,15 @@ def _best_shift(block: Block, power: Floats, piece: slice, train: Mask, step: fl
     if curve[0] >= 0 or scores.max() < 0.5:
         return None
     shift = best + float(np.clip(-curve[1] / (2.0 * curve[0]), -wide, wide))
-    # A mean over an interval lags by half of it.
+    # A mean over an interval lags by half of it; where that says more, no single shift says how late it is.
     intervals = [step, *(2.0 * shift * INTERVALS if shift > 0.5 * step else ())]
     averaged = [alike(clock - i, clock, power_then) for i in intervals]
     # As many shifts are tried as intervals: the best of many is better by chance.
     late = max(shifted(s) for s in shift * INTERVALS)
     left = [float(np.sqrt(max(1.0 - c**2, 0.0))) for c in (shifted(0.0), late, max(averaged))]
-    return _Look(shift, left[0], left[1], float(intervals[int(np.argmax(averaged))]), left[2])
+    interval = float(intervals[int(np.argmax(averaged))])
+    lag = 0.5 * interval if left[2] < left[1] else shift
+    return _Look(lag, left[0], left[1], interval, left[2])
 
 
 def _load_runs_with_power(fleet: Fleet) -> bool:
