@@ -140,11 +140,13 @@ def _counting(
 
 
 def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Joint) -> bool:
-    """Whether places mostly repeat what a curve over a recorded state says, and say it no better. A few
-    numbers of a curve are simpler than one for every road."""
-    h, curve = joint.chosen[-1], other.chosen[-1].curve
-    likely = other.score < joint.score + problem.settings.evidence
-    if not h.placed or curve is None or not likely:
+    """Whether a hypothesis mostly repeats what another says at least as well: places a curve over a recorded
+    state, as a few numbers are simpler than one for every road; and a number one that is far likelier."""
+    h, o = joint.chosen[-1], other.chosen[-1]
+    at_places = h.placed and o.curve is not None
+    numbers = h.knobs and o.knobs and h.scope.whole and o.scope.whole and not {*h.knobs} & {*o.knobs}
+    margin = problem.settings.evidence * (1.0 if at_places else -1.0)
+    if not (at_places or numbers) or other.score >= joint.score + margin or on_bound(problem, other):
         return False
     both = refit(problem, now.model, [*other.chosen, h], 1, sums)
     return other.score - both.score < OWN * (now.score - joint.score)
