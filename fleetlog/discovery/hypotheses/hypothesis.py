@@ -15,14 +15,14 @@ from fleetlog.discovery.model import FLEET, Knob, Scope
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Parameter, Term
 
-SHAPES = 13  # Values of a shape parameter that are scanned; steps between them refine the best
+SHAPES = 13  # Values of a shape parameter that are scanned, off its bounds; steps between refine the best
 
 TIME = 4.0  # Logarithm of the number of moments at which something may begin, or end
 
 
 def scanned(p: Parameter) -> float:
     """Return the step between the values of a shape parameter that are scanned."""
-    return (p.high - p.low) / (SHAPES - 1)
+    return (p.high - p.low) / (SHAPES + 1)
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Hypothesis:
             p = all_terms()[self.term or ""].by_name[name]
             for step in (-share * scanned(p), share * scanned(p)):
                 moved = value + step
-                if p.low <= moved <= p.high:
+                if p.low < moved < p.high:
                     yield replace(self, setting=(*self.setting[:i], (name, moved), *self.setting[i + 1 :]))
 
     @property
@@ -162,7 +162,7 @@ def _numbers(term: Term, scope: Scope) -> Iterator[Hypothesis]:
         return
     grid: list[tuple[tuple[str, float], ...]] = [()]
     for p in (p for p in term.parameters if p.shape):
-        grid = [(*g, (p.name, float(v))) for g in grid for v in np.linspace(p.low, p.high, SHAPES)]
+        grid = [(*g, (p.name, float(v))) for g in grid for v in np.linspace(p.low, p.high, SHAPES + 2)[1:-1]]
     knobs = [Knob(term.name, p.name, scope) for p in amplitudes]
     for some in (*((k,) for k in knobs), *combinations(knobs, 2)):
         for setting in grid:
