@@ -86,7 +86,7 @@ def write_recording(
         text = "\n".join(periods) + summary_markdown(dataset, figures=day is None)
         stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         log_fleet(stream, screen, fleet, days)
-        blueprint.send(stream, blueprint.replay(screen, None if site.frame is None else site.frame.latitude))
+        blueprint.replay(stream, screen, None if site.frame is None else site.frame.latitude)
     return Path(out_rrd)
 
 
