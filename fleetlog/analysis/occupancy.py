@@ -57,9 +57,7 @@ class HeatMap:
     units: list[tuple[Ints, Floats]]
 
     def __add__(self, other: HeatMap) -> HeatMap:
-        """The map of both; the cells must be the same."""
-        if self.cells != other.cells:
-            raise DataError("maps over different cells do not add")
+        """The map of both, over the same cells."""
         return HeatMap(self.cells, self.grid + other.grid, self.edges + other.edges, self.units + other.units)
 
     def add(self, p: Patch) -> None:
