@@ -25,10 +25,8 @@ LABELS = {
 MAX_GAP = 15.0
 STRETCH = 5.0
 MAX_CELLS = 25_000_000
-
 COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")
 ROW_COST = 1e-6  # What the sums of a row cost [s]
-
 Box = tuple[float, float, float, float]
 
 
