@@ -62,8 +62,7 @@ def chargers(
     vehicles : trucks in the simulation; by default as many as recorded.
     duration : simulated time: 8h, 90m.
     seed : seed of the simulation.
-    soc : state of charge at the start of the simulation.
-    """
+    soc : state of charge at the start of the simulation."""
     if truck is None and (check or metric == "energy"):
         raise ArgumentError("--check and --metric energy need a truck", do="name one with --truck")
     network = dataset.site.network

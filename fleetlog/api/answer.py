@@ -41,8 +41,7 @@ class Answer(Result):
     status : exit status of the command: 0, or 3 where some of the data were damaged or rejected.
     warning : what even a quiet command says.
     output : where it was written, if it was.
-    value : the object behind it: a Dataset, a Diagnosis, a fitted truck.
-    """
+    value : the object behind it: a Dataset, a Diagnosis, a fitted truck."""
 
     site: Site | None = None
     status: int = 0

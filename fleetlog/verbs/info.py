@@ -38,8 +38,7 @@ def info(path: DatasetLike) -> Answer:
     --------
     >>> import fleetlog
     >>> print(str(fleetlog.info("sample/roads.geojson")).splitlines()[3])
-      reports          format GeoJSON, read 40, kept 40, dropped none, notes none
-    """
+      reports          format GeoJSON, read 40, kept 40, dropped none, notes none"""
     figures = describe(existing(path))
     status = EXIT_DAMAGED if figures.get("damage") or figures.get("rejected") else EXIT_DONE
     return Answer("info", figures, lines=told(figures), status=status)

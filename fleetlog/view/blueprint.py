@@ -58,8 +58,7 @@ def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> 
 
     ``azimuth`` [rad] is how far east of south it stands, ``elevation`` [rad] how high.  With its axes right,
     up and forward, an eye at e sees a point p when |(p - e).right| <= tan(half width) (p - e).forward, and
-    likewise in height: four planes bound where it may be, and it is in their middle, as near as it can be.
-    """
+    likewise in height: four planes bound where it may be, and it is in their middle, as near as it can be."""
     if not len(outline):
         outline = np.array([[-10.0, -10.0, 0.0], [10.0, 10.0, 0.0]])
     rim = max(0.03 * float(np.ptp(outline[:, :2], axis=0).max()), 3.0)

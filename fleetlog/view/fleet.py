@@ -5,8 +5,7 @@ Paths have the signal first and the vehicle second, because a view's filter know
     PREFIX/trucks/ID            moves with the truck            PREFIX/speed/ID    m/s
     PREFIX/trucks/ID/body/...   turns with it; fork, load       PREFIX/power/ID    kW
     PREFIX/trucks/ID/soc        bar of the state of charge      PREFIX/soc/ID      %
-    PREFIX/trail/ID             where it was                    PREFIX/geo/ID      on the map
-"""
+    PREFIX/trail/ID             where it was                    PREFIX/geo/ID      on the map"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -6,8 +6,7 @@ Rows of a vehicle each would cost more than twice the file, and two hundred curv
     PREFIX/trucks/bodies   one mesh at the pose of every truck      PREFIX/speed/...  quantiles of the moving
     PREFIX/trucks/loads    loads on the forks                       PREFIX/power/...  sum of the fleet
     PREFIX/trucks/charge   a dot over each truck, coloured by SOC   PREFIX/soc/...    lowest, median, highest
-    PREFIX/trail/fleet     where they were
-"""
+    PREFIX/trail/fleet     where they were"""
 
 import itertools
 import tempfile
