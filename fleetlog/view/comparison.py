@@ -46,8 +46,8 @@ def write_comparison(
     spans = recorded.span, simulated.span
     (begin, end), (first, last) = (span or (0, 0) for span in spans)
     shift = 0 if None in spans or (begin <= last and first <= end) else begin - first
-    a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
-    b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
+    a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED)
+    b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, shift)
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
     times = [*(spans[0] or ()), *(t + shift for t in spans[1] or ())]
     if times:

@@ -136,8 +136,8 @@ def log_ways(stream: Stream, of: Lane, ways: list[Floats]) -> None:
     tint, frame = [tuple(int(40 + 0.35 * c) for c in of.colour)], of.fleet.dataset.site.frame
     strips = [np.column_stack([w, np.zeros(len(w))]) for w in ways]
     lines = rr.LineStrips3D(strips, colors=tint, radii=ui_points(0.8))
-    stream.static(entity("site", "driven", of.fleet.prefix, of.vehicle), lines)
+    stream.static(entity("site", "driven", of.fleet.name, of.vehicle), lines)
     if frame is not None:
         on_earth = [np.column_stack(frame.to_geographic(*w.T)) for w in ways]
         drawn = rr.GeoLineStrings(lat_lon=on_earth, colors=tint * len(ways), radii=ui_points(1.0))
-        stream.static(entity("geo", "driven", of.fleet.prefix, of.vehicle), drawn)
+        stream.static(entity("geo", "driven", of.fleet.name, of.vehicle), drawn)
