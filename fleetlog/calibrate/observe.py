@@ -238,8 +238,6 @@ def observations(path: Path, physics: Physics) -> Observations:
     """The measured figures of one table or dataset."""
     if path.is_dir():
         return of_dataset(Dataset(path), physics)
-    if not path.is_file():
-        raise InputError("no such measurements", where=path, do="give a CSV table of runs or a dataset")
     return of_runs(read_runs(path), physics.truck)
 
 
