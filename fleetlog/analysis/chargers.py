@@ -62,8 +62,7 @@ def chargers(
     vehicles : trucks in the simulation; by default as many as recorded.
     duration : simulated time: 8h, 90m.
     seed : seed of the simulation.
-    soc : state of charge at the start of the simulation.
-    """
+    soc : state of charge at the start of the simulation."""
     if truck is None and (check or metric == "energy"):
         raise ArgumentError("--check and --metric energy need a truck", do="name one with --truck")
     network = dataset.site.network
@@ -94,19 +93,13 @@ def chargers(
 
 def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Ints:
     """Vertex numbers of vertex names or of places' ids (the nearest vertex)."""
-    index = {v: i for i, v in enumerate(network.node_ids)}
-    places = {p.id: p for p in dataset.site.places}
-    out = []
+    at = network.node_points[:, :2]
+    known = {p.id: int(np.hypot(*(at - (p.x, p.y)).T).argmin()) for p in dataset.site.places}
+    known |= {v: i for i, v in enumerate(network.node_ids)}
     for name in names:
-        if name in index:
-            out.append(index[name])
-        elif name in places:
-            here = (places[name].x, places[name].y)
-            out.append(int(np.hypot(*(network.node_points[:, :2] - here).T).argmin()))
-        else:
-            do = nearest(name, [*index, *places])
-            raise DataError(f"no road vertex and no place is called {name!r}", do=do)
-    return np.array(sorted(set(out)), dtype=np.int64)
+        if name not in known:
+            raise DataError(f"no road vertex and no place is called {name!r}", do=nearest(name, known))
+    return np.unique(np.array([known[name] for name in names], np.int64))
 
 
 def _kept(dataset: Dataset, sites: pd.DataFrame, demand: plan.Demand) -> pd.DataFrame:

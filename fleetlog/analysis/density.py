@@ -43,8 +43,7 @@ def density(
     speed : a cluster whose mean speed is under this is critical [m/s].
     step : time step [s].
     min_duration : ignore episodes shorter than this [s].
-    include_standing : count parked, charging and handling trucks too.
-    """
+    include_standing : count parked, charging and handling trucks too."""
     network = dataset.site.network
     if network is None:
         what = "the dataset has no roads, and density needs driving distances"

@@ -47,8 +47,7 @@ def energy(
     ----------
     physics : physics that diagnose found (model.toml or its folder); the nominal model by default.
     shifts : hours of the day (UTC) at which shifts begin.
-    chemistry : chemistry of the battery, which shapes its voltage over the state of charge.
-    """
+    chemistry : chemistry of the battery, which shapes its voltage over the state of charge."""
     if not dataset.rows:
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics

@@ -35,8 +35,7 @@ def heatmap(
     hours : hours of the day (UTC), as 6-14; the last one is excluded.
     load : only trucks in this load state.
     compare : another dataset: draw the difference of time shares, with a significance mask.
-    by : one map for each hour of the day (UTC), vehicle or load state, in one colour scale.
-    """
+    by : one map for each hour of the day (UTC), vehicle or load state, in one colour scale."""
     if by is not None and compare is not None:
         raise ArgumentError("--by and --compare do not go together", do="leave one of them out")
     for v in vehicle:

@@ -54,8 +54,7 @@ def near_misses(
     pet : post-encroachment times below this count [s].
     closing : least speed at which two trucks approach one another [m/s].
     length : length of a truck [m].
-    width : width of a truck [m].
-    """
+    width : width of a truck [m]."""
     found, judged = [np.zeros((0, len(RAW)))], False
     for fleet in () if dataset.alone else _fleets(dataset):
         judged |= fleet["vehicle"].nunique() > 1

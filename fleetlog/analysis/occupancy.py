@@ -25,10 +25,8 @@ LABELS = {
 MAX_GAP = 15.0
 STRETCH = 5.0
 MAX_CELLS = 25_000_000
-
 COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")
 ROW_COST = 1e-6  # What the sums of a row cost [s]
-
 Box = tuple[float, float, float, float]
 
 
@@ -57,9 +55,7 @@ class HeatMap:
     units: list[tuple[Ints, Floats]]
 
     def __add__(self, other: HeatMap) -> HeatMap:
-        """The map of both; the cells must be the same."""
-        if self.cells != other.cells:
-            raise DataError("maps over different cells do not add")
+        """The map of both, over the same cells."""
         return HeatMap(self.cells, self.grid + other.grid, self.edges + other.edges, self.units + other.units)
 
     def add(self, p: Patch) -> None:

@@ -30,8 +30,7 @@ def speeding(
     Parameters
     ----------
     margin : share of the limit that a truck may exceed it by; logged speeds are a few per cent off.
-    shortest : shorter stretches are ignored [s].
-    """
+    shortest : shorter stretches are ignored [s]."""
     found, driven = [], 0.0
     for t in joined_days(dataset, COLUMNS):
         events, seconds = _events(t, dataset.site, margin)

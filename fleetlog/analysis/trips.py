@@ -24,8 +24,7 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
 
     Parameters
     ----------
-    min_distance : shorter trips are shunting: counted, but left out of the means [m].
-    """
+    min_distance : shorter trips are shunting: counted, but left out of the means [m]."""
     table = dataset.trips
     if not len(table):
         raise DataError("the dataset has no trips", where=dataset.path)

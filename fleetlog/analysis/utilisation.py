@@ -55,8 +55,7 @@ def utilisation(dataset: Dataset) -> Result:
     """Divide the time of every truck by what it does.
 
     The result has table ``states``: vehicle_id, state, start, end; table ``utilisation``: hours by truck and
-    state; summary with the hours and shares of the fleet.
-    """
+    state; summary with the hours and shares of the fleet."""
     table = states(dataset)
     hours = hours_by_state(table, table["vehicle_id"])
     total = hours.sum()

@@ -6,7 +6,7 @@ import base64
 import html
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -41,8 +41,7 @@ class Answer(Result):
     status : exit status of the command: 0, or 3 where some of the data were damaged or rejected.
     warning : what even a quiet command says.
     output : where it was written, if it was.
-    value : the object behind it: a Dataset, a Diagnosis, a fitted truck.
-    """
+    value : the object behind it: a Dataset, a Diagnosis, a fitted truck."""
 
     site: Site | None = None
     status: int = 0
@@ -132,21 +131,18 @@ def destination(
     if "://" in str(output):
         raise OutputError("only datasets are written to a URL", where=str(output), do="name a folder")
 
+    place = None if output is None else Path(output)
+
     def keep(answer: Answer) -> Answer:
+        if target is not None:
+            (answer.write or partial(write_json, value=answer.summary, indent=1))(target)
+        answer.output = place
         answer.kind, answer.folder, answer.inputs = kind, folder, tuple(files)
         return answer
 
-    def write(answer: Answer) -> Answer:
-        (answer.write or partial(write_json, value=answer.summary, indent=1))(target)
-        answer.output = place
-        return keep(answer)
-
-    if output is None:
+    made = partial(atomic_output, kind=kind, overwrite=overwrite, folder=folder, inputs=files)
+    with nullcontext() if place is None else made(place) as target:
         yield keep
-        return
-    place = Path(output)
-    with atomic_output(place, kind, overwrite=overwrite, folder=folder, inputs=files) as target:
-        yield write
 
 
 def write_folder(result: Result, site: Site, folder: Path) -> None:

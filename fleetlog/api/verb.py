@@ -11,7 +11,7 @@ import tomllib
 import types
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache, update_wrapper
+from functools import cached_property, update_wrapper
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -71,16 +71,6 @@ class Option:
             return self.check(value)
         except ValueError as error:
             raise ArgumentError(str(error), option=self.spelling) from None
-
-
-@cache
-def options_of(function: Callable[..., Any]) -> tuple[Option, ...]:
-    """Return what ``function`` asks for, in its order."""
-    hints = get_type_hints(inspect.unwrap(function), include_extras=True)
-    texts = {**SHARED, **parameter_texts(function.__doc__)}
-    parameters = list(inspect.signature(function).parameters.values())
-    asked = ((p, hints.get(p.name, Any), texts.get(p.name, "")) for p in parameters)
-    return tuple(_option(*one, first=one[0] is parameters[0]) for one in asked)
 
 
 def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> Option:
@@ -154,10 +144,14 @@ class Verb:
         more = [inspect.Parameter(o.name, inspect.Parameter.KEYWORD_ONLY, default=o.default) for o in added]
         self.__signature__ = own.replace(parameters=[*own.parameters.values(), *more])
 
-    @property
+    @cached_property
     def options(self) -> tuple[Option, ...]:
-        """What it asks for."""
-        return (*options_of(self.function), *self.added)
+        """What it asks for, in the order of the function."""
+        hints = get_type_hints(inspect.unwrap(self.function), include_extras=True)
+        texts = {**SHARED, **parameter_texts(self.function.__doc__)}
+        parameters = list(inspect.signature(self.function).parameters.values())
+        asked = ((p, hints.get(p.name, Any), texts.get(p.name, "")) for p in parameters)
+        return (*(_option(*one, first=one[0] is parameters[0]) for one in asked), *self.added)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         """Check and convert the arguments, then run the function, its jobs where it was said."""

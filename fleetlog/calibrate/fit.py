@@ -10,8 +10,7 @@ Which numbers do the runs carry?  Columns of J are taken greedily, the most tell
 those before do not explain it (pivoted QR).  Where less than one prior deviation of information is left, the
 rest is *held* at its prior.  A free number whose posterior is still wide, or wide for the most part because a
 held one can stand in for it, is *tied*: the runs carry a combination of the two.  Only the others are
-*fitted*.
-"""
+*fitted*."""
 
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -68,10 +68,6 @@ class Run:
             return self.sigma
         return max(abs(DEFAULT_SIGMA * self.measured), 0.0 if self.kind == "coast_down" else LEAST_SIGMA)
 
-    def motion(self, truck: Truck) -> Motion:
-        """One repeat, as it was driven; nothing of a coast-down, whose time is measured."""
-        return legs(KINDS[self.kind][1](self, truck), self.payload, self.grade)
-
 
 def _drive(r: Run, truck: Truck) -> list[Piece]:
     """From rest to rest."""
@@ -162,7 +158,8 @@ class Observations:
 
 def of_runs(runs: list[Run], truck: Truck) -> Observations:
     """One figure a run; ``truck`` says how fast it drives and lifts where a run does not."""
-    motions = [r.motion(truck) for r in runs]
+    # One repeat of each, as it was driven; nothing of a coast-down, whose time is measured.
+    motions = [legs(KINDS[r.kind][1](r, truck), r.payload, r.grade) for r in runs]
     whole, owner = join(motions), np.repeat(np.arange(len(runs)), [len(m) for m in motions])
 
     def predict(physics: Physics) -> Floats:
@@ -241,8 +238,6 @@ def observations(path: Path, physics: Physics) -> Observations:
     """The measured figures of one table or dataset."""
     if path.is_dir():
         return of_dataset(Dataset(path), physics)
-    if not path.is_file():
-        raise InputError("no such measurements", where=path, do="give a CSV table of runs or a dataset")
     return of_runs(read_runs(path), physics.truck)
 
 

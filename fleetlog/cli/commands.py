@@ -32,7 +32,6 @@ TELLING = (
 OPTIONAL_OUTPUT = {"import", "demo", "view", "info"}
 """Commands that write nothing, or only when asked to; the others must be told where."""
 
-
 # Help breaks between words only, not at the hyphens of options and names.
 textwrap.TextWrapper.wordsep_re = textwrap.TextWrapper.wordsep_simple_re
 TABLE_GAP = "  "  # Two blanks within a line: columns, which are not wrapped

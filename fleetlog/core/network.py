@@ -69,10 +69,9 @@ class Network:
 
     def edge(self, edge_id: str) -> int:
         """Index of ``edge_id``; :class:`SiteError` naming the nearest known one otherwise."""
-        try:
-            return self.index[edge_id]
-        except KeyError:
-            raise SiteError(f"no edge {edge_id!r}", do=nearest(edge_id, self.edge_ids)) from None
+        if edge_id not in self.index:
+            raise SiteError(f"no edge {edge_id!r}", do=nearest(edge_id, self.edge_ids))
+        return self.index[edge_id]
 
     @cached_property
     def node_points(self) -> Floats:

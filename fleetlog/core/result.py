@@ -44,15 +44,13 @@ class EdgeValues:
 @dataclass(frozen=True)
 class Marks:
     """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas. ``size`` (N,) in metres.
-    ``on`` names the one map that they belong to; by default they are drawn on all. ``note`` says in the
-    picture which of many they are."""
+    ``note`` says in the picture which of many they are."""
 
     name: str
     xy: Floats
     labels: tuple[str, ...]
     size: Floats
     kind: Literal["place", "charger", "critical", "point", "pick", "drop", "park", "charge"] = "point"
-    on: str | None = None
     note: str = ""
 
 

@@ -107,9 +107,8 @@ class Trajectory:
 
     def seconds(self, origin: int | None = None) -> Floats:
         """(N,) seconds since ``origin`` (microseconds; the first row by default)."""
-        if not len(self):
-            return np.zeros(0)
-        return np.asarray((self.time - (self.time[0] if origin is None else origin)) * 1e-6, dtype=np.float64)
+        first = self.time[:1] if origin is None else origin
+        return np.asarray((self.time - first) * 1e-6, dtype=np.float64)
 
     def with_columns(self, **new: Values) -> Trajectory:
         """A copy with columns added or replaced."""

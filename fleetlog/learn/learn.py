@@ -28,6 +28,12 @@ from fleetlog.store.results import write_result, write_site
 COLUMNS = ("x", "y", "speed", "heading")
 FREE = 0.95  # share of the rows on a road that are no faster than its speed limit as driven
 FEW = 5  # with fewer rows no speed is told
+MOST_SQUARES = 4_000_000  # squares of the picture of the traces
+NEAR = 3.0  # a learned road within this of one of the map is that one [m]
+ALIKE = np.cos(np.radians(45.0))
+STEP = 1.0
+SHORTEST = 5.0  # a shorter stretch is no proposal [m]
+SAME, NONE = -2, -1  # where the map has the road, and where it has none
 
 
 def learn(
@@ -154,9 +160,6 @@ def _result(
     return Result("learn", summary, tables, {"places": places}, shapes, lines)
 
 
-MOST_SQUARES = 4_000_000  # squares of the picture of the traces
-
-
 def _traces(cells: Driven) -> Grid:
     """Metres driven in each square of the floor."""
     x0, y0 = float(cells.x.min()), float(cells.y.min())
@@ -166,13 +169,6 @@ def _traces(cells: Driven) -> Grid:
     metres, _, _ = np.histogram2d(cells.y, cells.x, edges, weights=cells.weight)
     metres[metres <= 0.0] = np.nan
     return Grid("traces", np.log10(metres), x0, y0, side, "log10 of metres driven")
-
-
-NEAR = 3.0  # a learned road within this of one of the map is that one [m]
-ALIKE = np.cos(np.radians(45.0))
-STEP = 1.0
-SHORTEST = 5.0  # a shorter stretch is no proposal [m]
-SAME, NONE = -2, -1  # where the map has the road, and where it has none
 
 
 def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[dict[str, Any]]:

@@ -25,9 +25,16 @@ from fleetlog.roads.routing import Router
 WHOLE = 0.6  # a visit that drives this share of an edge is a pass
 LONGEST, SLACK = 3.0, 20.0  # a way between rows is no longer than 3 times the straight line, plus 20 m
 STEADY = 0.3  # a truck slower than this stands or manoeuvres [m/s]
-
-
+SPEED_STEP, SPEED_BINS = 0.1, 400
+TUBE = 1.8  # lines that both directions share and that are closer than this are one [m]
+LEAST = 0.05  # a line with fewer passes is none: half a manoeuvre, where nothing else was driven
+REACH = 2.5  # traces farther than this from a road are another road's [m]
+PIECE = 8.0  # length of the pieces of road that were driven or not [m]
+BRIEF = 10.0  # a link shorter than this [m] is a manoeuvre ...
+RARE = 0.1  # ... with a smaller share than this of the passes of the roads at its ends
+SELDOM = 0.06  # a direction with a smaller share of the other one's passes is not one in which trucks drive
 Visit = tuple[int, float, float, int]  # An edge, from and to [m] on it, and the first row
+Reread = Callable[[], Iterable[Trajectory]]
 
 
 @dataclass
@@ -46,9 +53,6 @@ class Evidence:
     def mean_passes(self, network: Network) -> Ints:
         """(E,) how often each metre of an edge was driven on average."""
         return np.round(self.metres / network.length).astype(np.int64)
-
-
-SPEED_STEP, SPEED_BINS = 0.1, 400
 
 
 def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evidence:
@@ -118,17 +122,6 @@ def _way(router: Router, edge: int, ahead: int, longest: float) -> list[int] | N
     route = router.route(edge, ahead)
     between = [] if route is None else route.edges[1:-1].tolist()
     return None if route is None or router.network.length[between].sum() > longest else between
-
-
-TUBE = 1.8  # lines that both directions share and that are closer than this are one [m]
-LEAST = 0.05  # a line with fewer passes is none: half a manoeuvre, where nothing else was driven
-REACH = 2.5  # traces farther than this from a road are another road's [m]
-PIECE = 8.0  # length of the pieces of road that were driven or not [m]
-BRIEF = 10.0  # a link shorter than this [m] is a manoeuvre ...
-RARE = 0.1  # ... with a smaller share than this of the passes of the roads at its ends
-SELDOM = 0.06  # a direction with a smaller share of the other one's passes is not one in which trucks drive
-
-Reread = Callable[[], Iterable[Trajectory]]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from fleetlog.core.words import percent
 from fleetlog.report.content import Table, number
 from fleetlog.report.facts import Facts
 
+FEWEST, DRAWS = 4, 2000  # Fewest units on either side to tell significance; permutations, and resamples
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -71,9 +73,6 @@ class Difference:
     def chance(self) -> str:
         """The p-value in words."""
         return "p < 0.01" if self.p_value < 0.01 else f"p = {self.p_value:.2f}"
-
-
-FEWEST, DRAWS = 4, 2000  # Fewest units on either side to tell significance; permutations, and resamples
 
 
 def compare(a: pd.DataFrame, b: pd.DataFrame, figure: Figure, seed: int = 0) -> Difference | None:

@@ -40,8 +40,7 @@ def demo(
     Parameters
     ----------
     data : only write the sample data (logs, site, truck) to this folder; the tutorials begin with them.
-    output : folder for everything that is made.
-    """
+    output : folder for everything that is made."""
     if data is not None:
         return _data(as_path(data), overwrite)
     target = as_path(output)

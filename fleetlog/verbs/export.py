@@ -18,8 +18,7 @@ def export(
     Parameters
     ----------
     to : format of the file.
-    output : file to write.
-    """
+    output : file to write."""
     from fleetlog.exporters.base import export_dataset
 
     data, file = as_dataset(dataset), as_path(output)

@@ -12,7 +12,6 @@ import numpy as np
 from fleetlog.api.answer import Answer
 from fleetlog.api.inputs import DatasetLike, existing
 from fleetlog.api.verb import verb
-from fleetlog.core.network import Network
 from fleetlog.core.schema import load_toml
 from fleetlog.core.truck import load_truck, truck_to_dict
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, FormatError, InputError
@@ -39,8 +38,7 @@ def info(path: DatasetLike) -> Answer:
     --------
     >>> import fleetlog
     >>> print(str(fleetlog.info("sample/roads.geojson")).splitlines()[3])
-      reports          format GeoJSON, read 40, kept 40, dropped none, notes none
-    """
+      reports          format GeoJSON, read 40, kept 40, dropped none, notes none"""
     figures = describe(existing(path))
     status = EXIT_DAMAGED if figures.get("damage") or figures.get("rejected") else EXIT_DONE
     return Answer("info", figures, lines=told(figures), status=status)
@@ -186,17 +184,15 @@ def _log(path: Path) -> Figures:
 def _map(path: Path) -> Figures:
     site, reports = load_site(path)
     kind = "site" if path.suffix.lower() == ".toml" or path.is_dir() else "map"
-    return {
+    figures = {
         "kind": kind, "path": str(path), "name": site.name, "traffic": site.traffic,
         "reports": [asdict(r) for r in reports], "frame": None if site.frame is None else asdict(site.frame),
         **{k: len(getattr(site, k)) for k in ("places", "zones", "buildings")},
-        **({} if site.network is None else _network(site.network)),
     }  # fmt: skip
-
-
-def _network(n: Network) -> Figures:
+    if (n := site.network) is None:
+        return figures
     heights = [float(n.points[:, 2].min()), float(n.points[:, 2].max())] if n.has_elevation else None
-    return {
+    return figures | {
         "edges": len(n), "nodes": len(n.node_ids), "length_m": float(n.length.sum()),
         "one_way": int((n.reverse < 0).sum()), "extent_m": [*n.extent], "elevation_m": heights,
     }  # fmt: skip

@@ -26,8 +26,7 @@ def learn(
     spur : a shorter dead end leads into a bay and is no road [m].
     min_passes : leave out roads driven less often.
     min_visits : leave out places visited less often.
-    output : folder of the site.
-    """
+    output : folder of the site."""
     from fleetlog.learn.learn import learn as learned
     from fleetlog.learn.learn import write_learned
     from fleetlog.learn.roads import Settings

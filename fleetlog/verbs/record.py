@@ -24,8 +24,7 @@ def record(
     output : file of JSON lines.
     duration : stop after this many seconds.
     messages : stop after this many messages.
-    client_id : name of the session that the broker keeps.
-    """
+    client_id : name of the session that the broker keeps."""
     from fleetlog.ingest.record import record as capture
     from fleetlog.store.output import atomic_output
 

@@ -28,8 +28,7 @@ def report(
     timezone : time zone of the hours, as Europe/Berlin; that of the site by default.
     diagnosis : run diagnose where a truck is given.
     tables : write the tables too: a folder for Parquet files, or NAME.xlsx.
-    output : HTML page to write.
-    """
+    output : HTML page to write."""
     from fleetlog.report.report import held
     from fleetlog.report.report import report as reported
 

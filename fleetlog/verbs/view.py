@@ -34,8 +34,7 @@ def view(
     screenshot : draw it without a screen into this PNG file.
     at : time of the screenshot (UTC, ISO 8601); the middle of the recording by default.
     rate : samples per second when the replay is made again.
-    day : show this day of a dataset only (UTC, YYYY-MM-DD).
-    """
+    day : show this day of a dataset only (UTC, YYYY-MM-DD)."""
     from fleetlog.store.output import atomic_output
     from fleetlog.view import viewer
     from fleetlog.view.comparison import write_comparison

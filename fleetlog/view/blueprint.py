@@ -58,8 +58,7 @@ def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> 
 
     ``azimuth`` [rad] is how far east of south it stands, ``elevation`` [rad] how high.  With its axes right,
     up and forward, an eye at e sees a point p when |(p - e).right| <= tan(half width) (p - e).forward, and
-    likewise in height: four planes bound where it may be, and it is in their middle, as near as it can be.
-    """
+    likewise in height: four planes bound where it may be, and it is in their middle, as near as it can be."""
     if not len(outline):
         outline = np.array([[-10.0, -10.0, 0.0], [10.0, 10.0, 0.0]])
     rim = max(0.03 * float(np.ptp(outline[:, :2], axis=0).max()), 3.0)
@@ -160,8 +159,9 @@ def map_view(screen: Screen, latitude: float) -> rrb.MapView:
     return rrb.MapView(origin="/", name="Map", contents=contents, zoom=float(np.clip(zoom, 2, 19)))
 
 
-def whole(screen: Screen, columns: list[Any], shares: Sequence[float]) -> rrb.Blueprint:
-    """Columns beside one another; time below, playing, where anything has a time; nothing else."""
+def send(stream: Stream, screen: Screen, columns: list[Any], shares: Sequence[float]) -> None:
+    """Make columns beside one another the recording's own screen; time below, playing, where anything has a
+    time; nothing else."""
     state = "collapsed" if screen.duration else "hidden"
     speed = 1.0 if screen.duration < 60 else 4.0 if screen.duration < 600 else 10.0
     time = rrb.TimePanel(
@@ -169,11 +169,12 @@ def whole(screen: Screen, columns: list[Any], shares: Sequence[float]) -> rrb.Bl
     )
     hidden = rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden")
     row = rrb.Horizontal(*columns, column_shares=shares)
-    return rrb.Blueprint(row, time, *hidden, auto_views=False, auto_layout=False)
+    whole = rrb.Blueprint(row, time, *hidden, auto_views=False, auto_layout=False)
+    stream.recording.send_blueprint(whole, make_active=True, make_default=True)
 
 
-def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
-    """The screen of a replay; ``latitude`` of the site where it is known."""
+def replay(stream: Stream, screen: Screen, latitude: float | None) -> None:
+    """Send the screen of a replay; ``latitude`` of the site where it is known."""
     aspect = 1.7 * ASPECT if latitude is None else ASPECT
     below: list[Any] = [floor_view(screen, "Plan", FLAT, plan=True, aspect=aspect)]
     below += [] if latitude is None else [map_view(screen, latitude)]
@@ -191,9 +192,4 @@ def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
         rrb.Vertical(floor_view(screen, "Site"), plans, row_shares=[3, 2]),
         rrb.Vertical(*right, row_shares=[first, *[1.0] * (len(right) - 1)]),
     ]
-    return whole(screen, columns, [5, 3])
-
-
-def send(stream: Stream, blueprint: rrb.Blueprint) -> None:
-    """Make it the recording's own screen."""
-    stream.recording.send_blueprint(blueprint, make_active=True, make_default=True)
+    send(stream, screen, columns, [5, 3])

@@ -46,8 +46,8 @@ def write_comparison(
     spans = recorded.span, simulated.span
     (begin, end), (first, last) = (span or (0, 0) for span in spans)
     shift = 0 if None in spans or (begin <= last and first <= end) else begin - first
-    a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
-    b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
+    a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED)
+    b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, shift)
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
     times = [*(spans[0] or ()), *(t + shift for t in spans[1] or ())]
     if times:
@@ -64,7 +64,7 @@ def write_comparison(
         again = "distance_ratio" in (simulated.meta.get("summary") or {})
         found = _log_differences(stream, a, b) if again else _log_totals(stream, a, b)
         stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-        blueprint.send(stream, _screen(screen, found))
+        _send_screen(stream, screen, found)
     return Path(out_rrd)
 
 
@@ -138,7 +138,7 @@ def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats
     return {kind: values for kind, values in every.items() if np.isfinite(values).any()}
 
 
-def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
+def _send_screen(stream: Stream, screen: blueprint.Screen, found: set[str]) -> None:
     # From above, arcs would hide where the two fleets part.
     flat = [*blueprint.FLAT, *(f"- {p}/tasks/**" for p in screen.prefixes)]
     left = [
@@ -157,4 +157,4 @@ def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
         if kind in found
     ]  # fmt: skip
     columns = [rrb.Vertical(*left), rrb.Vertical(*both), *([rrb.Vertical(*apart)] if apart else [])]
-    return blueprint.whole(screen, columns, [5, 3, 3][: len(columns)])
+    blueprint.send(stream, screen, columns, [5, 3, 3][: len(columns)])

@@ -107,28 +107,26 @@ def rows_while(times: Ints, start: Ints, end: Ints) -> tuple[Ints, Ints]:
 def log_events(stream: Stream, h: Happenings, lanes: list[Lane]) -> set[str]:
     """Those of a small fleet; the kinds that were drawn."""
     log_places(stream, h.drawn, "drawn", labels=False)
-    prefix = lanes[0].fleet.prefix
-    _log_tasks(stream, h, lanes, entity(prefix, "tasks", "waiting"))
+    name = lanes[0].fleet.name
+    _log_tasks(stream, h, lanes, entity(name, "tasks", "waiting"))
     lines = {way: reduced(line, TRUE) + FLOOR for way, line in h.lines.items()}
     for lane in lanes:
         mine = h.reservations[h.reservations["vehicle_id"] == lane.vehicle]
         path, dim = lane.path("reserved"), palette.faded(lane.colour, 0.55, palette.ROAD)
         stream.static(path, rr.LineStrips3D.from_fields(radii=0.95, colors=[dim]))
         _log_stretches(stream, path, mine["start"], mine["end"], [[lines[w]] for w in mine["way"]])
-    found = {"tasks", "reserved"} | _log_charging(stream, h, entity(prefix, "charging"))
+    found = {"tasks", "reserved"} | _log_charging(stream, h, name)
     few = len(lanes) <= STATES
     for lane in lanes if few else ():
         mine = h.activities[h.activities["vehicle_id"] == lane.vehicle]
         _log_state(stream, mine.sort_values("start"), lane.path("state"))
-    name = lanes[0].fleet.name
-    return found | ({"state"} if few else set()) | _log_curves(stream, h, prefix, name, activity=not few)
+    return found | ({"state"} if few else set()) | _log_curves(stream, h, name, activity=not few)
 
 
-def log_many(stream: Stream, h: Happenings, prefix: str, name: str) -> set[str]:
+def log_many(stream: Stream, h: Happenings, name: str) -> set[str]:
     """Those of a large fleet."""
-    found = _log_charging(stream, h, entity(prefix, "charging"))
-    found |= _log_curves(stream, h, prefix, name, activity=True)
-    path, held = entity(prefix, "reserved", "fleet"), h.reservations
+    found = _log_charging(stream, h, name) | _log_curves(stream, h, name, activity=True)
+    path, held = entity(name, "reserved", "fleet"), h.reservations
     stream.static(path, rr.LineStrips3D.from_fields(radii=0.7, colors=[palette.RESERVED]))
     if not len(held):
         return found
@@ -182,13 +180,14 @@ def _log_tasks(stream: Stream, h: Happenings, lanes: list[Lane], path: str) -> N
         _log_stretches(stream, path, stages[:, :2].T.ravel(), stages[:, 1:].T.ravel(), lines)
 
 
-def _log_charging(stream: Stream, h: Happenings, path: str) -> set[str]:
+def _log_charging(stream: Stream, h: Happenings, name: str) -> set[str]:
     """Rings that fade outwards and a bolt, one set at every place where a truck charges."""
     mine = h.activities[h.activities["activity"] == "charge"]
     where = h.where(mine["place"])
     mine, where = mine[np.isfinite(where[:, 0])], where[np.isfinite(where[:, 0])]
     if not len(mine):
         return set()
+    path = entity(name, "charging")
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(2.2)))
     glow = [*(ribbons.ring(r, 0.15) for r in (2.1, 2.7, 3.3)), ribbons.bolt(1.5, 5.4)]
     tints = [palette.faded(palette.CHARGING, share) for share in (1.0, 0.65, 0.35, 1.0)]
@@ -206,7 +205,7 @@ def _log_state(stream: Stream, mine: pd.DataFrame, path: str) -> None:
     stream.rows(path, mine["start"].to_numpy()[changed], rr.StateChange, state=states[changed].tolist())
 
 
-def _log_curves(stream: Stream, h: Happenings, prefix: str, name: str, *, activity: bool) -> set[str]:
+def _log_curves(stream: Stream, h: Happenings, name: str, *, activity: bool) -> set[str]:
     """Open tasks by stage, and with ``activity`` the trucks by what they do, in means."""
     first, last = int(h.activities["start"].min()), int(h.activities["end"].max())
     edges = np.linspace(first, last, min(CURVE_POINTS, (last - first) // 1_000_000) + 1).astype(np.int64)
@@ -218,7 +217,7 @@ def _log_curves(stream: Stream, h: Happenings, prefix: str, name: str, *, activi
         # How many there are on average between each two of the edges.
         shared = [(np.clip(end, a, b) - np.clip(start, a, b)).sum() for a, b in itertools.pairwise(edges)]
         if (number := np.asarray(shared / np.diff(edges))).any():
-            path, title = entity(prefix, signal, curve), f"{name} {curve.replace('_', ' ')}".strip()
+            path, title = entity(name, signal, curve), f"{name} {curve.replace('_', ' ')}".strip()
             tint = (palette.STAGES if signal == "open" else palette.ACTIVITIES)[curve]
             log_curve(stream, path, edges[:-1], number, curve_style(title, tint, steps=True))
     return {"open", "activity"} if activity else {"open"}

@@ -5,8 +5,7 @@ Paths have the signal first and the vehicle second, because a view's filter know
     PREFIX/trucks/ID            moves with the truck            PREFIX/speed/ID    m/s
     PREFIX/trucks/ID/body/...   turns with it; fork, load       PREFIX/power/ID    kW
     PREFIX/trucks/ID/soc        bar of the state of charge      PREFIX/soc/ID      %
-    PREFIX/trail/ID             where it was                    PREFIX/geo/ID      on the map
-"""
+    PREFIX/trail/ID             where it was                    PREFIX/geo/ID      on the map"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -42,13 +41,12 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Fleet:
-    """One dataset in a recording: path, colour and name of its entities, and how its clock is moved [us]."""
+    """One dataset in a recording: its name, which paths begin with, colour, how its clock is moved [us]."""
 
     dataset: Dataset
     rate_hz: float
-    prefix: str = ""
-    colour: Colour | None = None
     name: str = ""
+    colour: Colour | None = None
     shift: int = 0
 
     def days(self, vehicle: str) -> Iterator[Trajectory]:
@@ -57,8 +55,7 @@ class Fleet:
 
     def day(self, vehicle: str, date: str) -> Trajectory:
         """One of them."""
-        day = self.dataset.read(vehicle, date, COLUMNS)
-        kept = clock.thinned(day, self.rate_hz) if len(day) else day
+        kept = clock.thinned(self.dataset.read(vehicle, date, COLUMNS), self.rate_hz)
         return Trajectory(vehicle, kept.time + self.shift, kept.columns)
 
     def last_before(self, vehicle: str, date: str) -> int | None:
@@ -87,7 +84,7 @@ class Lane:
 
     def path(self, signal: str, *more: str) -> str:
         """Path of one of the vehicle's entities."""
-        return entity(self.fleet.prefix, signal, self.vehicle, *more)
+        return entity(self.fleet.name, signal, self.vehicle, *more)
 
 
 def quaternions(heading: Floats) -> Floats:

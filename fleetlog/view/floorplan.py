@@ -88,15 +88,15 @@ def draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
     return strips
 
 
-def draw_overlay(axes: Axes, result: Result, layer: str | None = None) -> None:
-    """Marks and critical lines, over every map; marks of another map than ``layer`` are left out."""
+def draw_overlay(axes: Axes, result: Result) -> None:
+    """Marks and critical lines, over every map."""
     taken: list[Extent] = []
     for shape in result.shapes:
         if isinstance(shape, MovingLines):
             _draw_lines(axes, shape)
         elif isinstance(shape, Flows):
             _draw_flows(axes, shape)
-        elif isinstance(shape, Marks) and len(shape.xy) and shape.on in (None, layer):
+        elif isinstance(shape, Marks) and len(shape.xy):
             _draw_marks(axes, shape, taken)
             if shape.note:
                 _note(axes, shape.note)

@@ -136,7 +136,7 @@ def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale
             orientation=side, format=None if ticks is None else "%g", shrink=0.7, aspect=30, pad=0.02,
         )  # fmt: skip
         bar.outline.set_visible(False)
-    draw_overlay(axes, result, None if layer is None else layer.name)
+    draw_overlay(axes, result)
     draw_furniture(axes, site)
 
 

@@ -6,8 +6,7 @@ Rows of a vehicle each would cost more than twice the file, and two hundred curv
     PREFIX/trucks/bodies   one mesh at the pose of every truck      PREFIX/speed/...  quantiles of the moving
     PREFIX/trucks/loads    loads on the forks                       PREFIX/power/...  sum of the fleet
     PREFIX/trucks/charge   a dot over each truck, coloured by SOC   PREFIX/soc/...    lowest, median, highest
-    PREFIX/trail/fleet     where they were
-"""
+    PREFIX/trail/fleet     where they were"""
 
 import itertools
 import tempfile
@@ -86,7 +85,7 @@ def write_recording(
         text = "\n".join(periods) + summary_markdown(dataset, figures=day is None)
         stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         log_fleet(stream, screen, fleet, days)
-        blueprint.send(stream, blueprint.replay(screen, None if site.frame is None else site.frame.latitude))
+        blueprint.replay(stream, screen, None if site.frame is None else site.frame.latitude)
     return Path(out_rrd)
 
 
@@ -103,8 +102,6 @@ def _drawn(
 ) -> tuple[str, Tape, set[str], list[Floats]]:
     """What is sent of one vehicle-day, its signals, and without a map its ways."""
     day, tape, site, lanes = fleet.day(vehicle, date), Tape(), fleet.dataset.site, fleet.lanes(start)
-    if not len(day):
-        return vehicle, tape, set(), []
     lane = replace(lanes[fleet.dataset.vehicles.index(vehicle)], last=fleet.last_before(vehicle, date))
     signals = log_day(Stream(tape, clock), lane, day, site, len(lanes) <= MANY_LABELS)
     return vehicle, tape, signals, ways_of(day) if site.network is None else []
@@ -112,12 +109,12 @@ def _drawn(
 
 def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet, days: Days) -> None:
     """Every vehicle, day by day, so that memory does not grow with the dataset; what happened to them."""
-    dataset, lanes, prefix = fleet.dataset, fleet.lanes(screen.start), fleet.prefix
+    dataset, lanes = fleet.dataset, fleet.lanes(screen.start)
     known = events.happenings_of(dataset, fleet.shift)
     if len(lanes) >= MANY:
         screen.signals |= log_together(stream, fleet)
-        screen.trails.append(entity(prefix, "trail", "fleet"))
-        screen.signals |= set() if known is None else events.log_many(stream, known, prefix, fleet.name)
+        screen.trails.append(entity(fleet.name, "trail", "fleet"))
+        screen.signals |= set() if known is None else events.log_many(stream, known, fleet.name)
         return
     signals, ways = defaultdict[str, set[str]](set), defaultdict[str, list[Floats]](list)
     for vehicle, tape, found, driven in days:
@@ -177,7 +174,7 @@ def log_together(stream: Stream, fleet: Fleet) -> set[str]:
     for signal in signals:
         for curve, (_, tint) in FLEET_CURVES[signal].items():
             title = f"{fleet.name} {'whole fleet' if curve == 'sum' else curve}".strip()
-            stream.static(entity(fleet.prefix, signal, curve), curve_style(title, fleet.colour or tint))
+            stream.static(entity(fleet.name, signal, curve), curve_style(title, fleet.colour or tint))
     return signals
 
 
@@ -202,33 +199,33 @@ def _log_static(stream: Stream, fleet: Fleet) -> None:
         ("trail", "fleet"): rr.Points3D.from_fields(radii=ui_points(1.1), colors=[colour]),
         ("geo", "fleet"): rr.GeoPoints.from_fields(radii=ui_points(3.0), colors=[(86, 180, 233)]),
     }.items():
-        stream.static(entity(fleet.prefix, *names), archetype)
+        stream.static(entity(fleet.name, *names), archetype)
 
 
 def _log_block(stream: Stream, fleet: Fleet, time: Ints, v: dict[str, Singles]) -> set[str]:
     """A run of time steps (T,) [us], by field a (T, V) array, NaN where a truck is not known; the signals."""
-    prefix, known = fleet.prefix, np.isfinite(v["x"]) & np.isfinite(v["y"])
+    name, known = fleet.name, np.isfinite(v["x"]) & np.isfinite(v["y"])
     xyz = np.column_stack([v[c][known] for c in "xyz"])
     loaded = known & (np.nan_to_num(v["payload"]) > of.MIN_LOAD)
     lifted = np.column_stack([v[c][loaded] for c in "xyz"])
     lifted[:, 2] += np.nan_to_num(v["fork_height"][loaded])
     for part, here, places in (("bodies", known, xyz), ("loads", loaded, lifted)):
         stream.rows(
-            entity(prefix, "trucks", part), time, rr.InstancePoses3D, here.sum(axis=1),
+            entity(name, "trucks", part), time, rr.InstancePoses3D, here.sum(axis=1),
             translations=places, quaternions=of.quaternions(np.nan_to_num(v["heading"][here])),
         )  # fmt: skip
     stream.rows(
-        entity(prefix, "trucks", "charge"), time, rr.Points3D, known.sum(axis=1),
+        entity(name, "trucks", "charge"), time, rr.Points3D, known.sum(axis=1),
         positions=xyz + np.array([0.0, 0.0, 3.0], np.float32), colors=palette.soc_colours(v["soc"][known]),
     )  # fmt: skip
     moving = (known & ~(v["speed"] <= MOVING))[::TRAIL_EVERY]
     trail = np.column_stack([v[c][::TRAIL_EVERY][moving] for c in "xyz"])
     stream.rows(
-        entity(prefix, "trail", "fleet"), time[::TRAIL_EVERY], rr.Points3D, moving.sum(axis=1),
+        entity(name, "trail", "fleet"), time[::TRAIL_EVERY], rr.Points3D, moving.sum(axis=1),
         positions=trail + np.array([0.0, 0.0, 0.1], np.float32),
     )  # fmt: skip
     if (frame := fleet.dataset.site.frame) is not None:
-        seen, path = known[::MAP_EVERY], entity(prefix, "geo", "fleet")
+        seen, path = known[::MAP_EVERY], entity(name, "geo", "fleet")
         where = np.column_stack(frame.to_geographic(*(v[c][::MAP_EVERY][seen] for c in "xy")))
         stream.rows(path, time[::MAP_EVERY], rr.GeoPoints, seen.sum(axis=1), positions=where)
     found = set()
@@ -238,7 +235,7 @@ def _log_block(stream: Stream, fleet: Fleet, time: Ints, v: dict[str, Singles]) 
         if np.isfinite(values).any():
             found.add(signal)
             for curve, y in zip(FLEET_CURVES[signal], _fleet_curves(signal, values), strict=True):
-                of.log_curve(stream, entity(prefix, signal, curve), time, y)
+                of.log_curve(stream, entity(name, signal, curve), time, y)
     return found
 
 

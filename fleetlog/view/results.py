@@ -50,7 +50,7 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
             screen.start, screen.duration = int(times.min()), float(np.ptp(times)) * 1e-6
         if clock is not None:
             screen.timeline, screen.duration = SKIPPED, clock.seconds
-        blueprint.send(stream, _layout(result, screen))
+        _send_layout(stream, result, screen)
     return Path(out_rrd)
 
 
@@ -58,15 +58,12 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
     """Draw one shape; a line of Markdown that says how to read it."""
     path = entity("result", shape.name)
     match shape:
-        case Grid() | EdgeValues():
-            scale = scales[shape.name]
-            if isinstance(shape, Grid):
-                _log_grid(stream, path, shape, scale)
-            elif site.network is not None:
-                _log_edges(stream, path, shape, site, scale)
-            else:
-                return ""
-            return _legend(stream, path, shape.label, scale, extent)
+        case Grid():
+            _log_grid(stream, path, shape, scales[shape.name])
+            return _legend(stream, path, shape.label, scales[shape.name], extent)
+        case EdgeValues() if site.network is not None:
+            _log_edges(stream, path, shape, site, scales[shape.name])
+            return _legend(stream, path, shape.label, scales[shape.name], extent)
         case MovingLines():
             _log_lines(stream, path, shape)
             return f"**{_title(shape.name)}**: lines join trucks of one cluster, red where it is critical"
@@ -188,7 +185,7 @@ def _curves(result: Result) -> list[Series]:
     return [s for s in result.shapes if isinstance(s, Series) and s.over_time]
 
 
-def _layout(result: Result, screen: blueprint.Screen) -> rrb.Blueprint:
+def _send_layout(stream: Stream, result: Result, screen: blueprint.Screen) -> None:
     """One plan a map; beside them the curves and the answer."""
     outline = screen.outline
     maps: list[Any] = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS] or [None]
@@ -197,10 +194,8 @@ def _layout(result: Result, screen: blueprint.Screen) -> rrb.Blueprint:
         screen.outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
 
     def view(layer: Grid | EdgeValues | None, name: str, plan: bool, *hidden: str) -> Any:
-        """One map with all marks but those of another one; heat takes the place of the roads' surface."""
-        of = None if layer is None else layer.name
-        over = [s for s in result.shapes if isinstance(s, MovingLines | Flows | Marks)]
-        shown = [*(s.name for s in over if getattr(s, "on", None) in (None, of)), *([of] if of else [])]
+        """One map with all marks; heat takes the place of the roads' surface."""
+        shown = [s.name for s in result.shapes if isinstance(s, MovingLines | Flows | Marks) or s is layer]
         surface = ["- /site/roads/surface/**"] if isinstance(layer, Grid) else []
         contents = [f"{entity('result', shape)}/**" for shape in shown]
         return blueprint.floor_view(screen, name, [*contents, *surface, *hidden], plan=plan, aspect=WIDE)
@@ -220,4 +215,4 @@ def _layout(result: Result, screen: blueprint.Screen) -> rrb.Blueprint:
     ]  # fmt: skip
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
     left = [rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)] if plans else []
-    return blueprint.whole(screen, [*left, rrb.Vertical(*side)], [5, 3][-1 - len(left) :])
+    blueprint.send(stream, screen, [*left, rrb.Vertical(*side)], [5, 3][-1 - len(left) :])

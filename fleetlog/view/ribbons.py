@@ -88,18 +88,20 @@ def open_ring(polygon: Floats) -> Floats:
     return points[:-1] if len(points) > 3 and np.allclose(points[0], points[-1]) else points
 
 
+def outline(polygon: Floats, z: float) -> Floats:
+    """(n + 1, 3) the closed outline of a polygon at height ``z`` [m]."""
+    ring = open_ring(polygon)
+    return np.column_stack([np.vstack([ring, ring[:1]]), np.full(len(ring) + 1, z)])
+
+
 def floor_polygon(polygon: Floats, z: float) -> Floats:
     """Triangles of a polygon lying at height ``z``, facing up."""
-    ring = open_ring(polygon)
-    return np.asarray(np.column_stack([ring, np.full(len(ring), z)])[triangulate(ring)], dtype=np.float64)
+    return outline(polygon, z)[triangulate(open_ring(polygon))]
 
 
 def walls(polygon: Floats, low: float, high: float) -> Floats:
     """Triangles of the upright walls over a polygon's outline."""
-    ring = open_ring(polygon)
-    closed = np.vstack([ring, ring[:1]])
-    foot, top = (np.column_stack([closed, np.full(len(closed), z)]) for z in (low, high))
-    return _band(foot, top)
+    return _band(outline(polygon, low), outline(polygon, high))
 
 
 def arc(start: Floats, end: Floats, points: int = POINTS) -> Floats:

@@ -7,7 +7,7 @@ import rerun as rr
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Network
-from fleetlog.core.site import Frame, Place, Site
+from fleetlog.core.site import Place, Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.simulate.track import shifted
 from fleetlog.view import clock, palette, ribbons
@@ -39,16 +39,13 @@ def lane(site: Site, edge: int) -> tuple[float, float]:
 def log_site(stream: Stream, site: Site) -> None:
     """Everything that the site has, under ``/site``."""
     if site.network is not None:
-        _log_roads(stream, site)
-        if site.frame is not None:
-            _log_map(stream, site.network, site.frame)
+        _log_roads(stream, site.network, site)
     _log_buildings(stream, site)
     _log_zones(stream, site)
     log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
 
 
-def _log_roads(stream: Stream, site: Site) -> None:
-    network = site.roads()
+def _log_roads(stream: Stream, network: Network, site: Site) -> None:
     surface, rims, marks, radius = [], [], [], np.zeros(len(network.node_ids))
     for i in range(len(network)):
         line, (left, right) = network.polyline(i), lane(site, i)
@@ -70,18 +67,11 @@ def _log_roads(stream: Stream, site: Site) -> None:
     stream.static("/site/roads/edges", lines)
     if any(len(arrows) for arrows, _ in marks):
         stream.static("/site/roads/arrows", ribbons.mesh3d(marks))
-
-
-def _log_map(stream: Stream, network: Network, frame: Frame) -> None:
-    once = [i for i in range(len(network)) if network.reverse[i] > i or network.reverse[i] < 0]
-    lines = [np.column_stack(frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
-    colours = [palette.ROAD_EDGE] * len(lines)
-    stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=lines, colors=colours, radii=ui_points(1.2)))
-
-
-def _outline(polygon: Floats, z: float) -> Floats:
-    ring = ribbons.open_ring(polygon)
-    return np.column_stack([np.vstack([ring, ring[:1]]), np.full(len(ring) + 1, z)])
+    if (frame := site.frame) is not None:
+        once = [i for i in range(len(network)) if network.reverse[i] > i or network.reverse[i] < 0]
+        on_earth = [np.column_stack(frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
+        colours = [palette.ROAD_EDGE] * len(once)
+        stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=on_earth, colors=colours, radii=ui_points(1.2)))
 
 
 def _log_buildings(stream: Stream, site: Site) -> None:
@@ -92,7 +82,8 @@ def _log_buildings(stream: Stream, site: Site) -> None:
         stream.static(entity("site", "buildings", "roofs", building.id), ribbons.mesh3d([roof], 28))
         stream.static(entity("site", "buildings", "walls", building.id), ribbons.mesh3d([sides], 40))
         posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
-        frame = {"outlines": [_outline(outline, 0.0)], "frames": [_outline(outline, height), *posts]}
+        foot, top = (ribbons.outline(outline, z) for z in (0.0, height))
+        frame = {"outlines": [foot], "frames": [top, *posts]}
         for part, lines in frame.items():
             strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=ui_points(0.7))
             stream.static(entity("site", "buildings", part, building.id), strips)
@@ -105,8 +96,8 @@ def _log_zones(stream: Stream, site: Site) -> None:
         stream.static(entity("site", "zones", "floors", zone.id), ribbons.mesh3d([floor], 24))
         limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
         rim = rr.LineStrips3D(
-            [_outline(zone.polygon, 0.02)], colors=[colour], radii=ui_points(1.0), labels=[zone.id + limit],
-            show_labels=not zone.covered and len(site.zones) <= MANY_LABELS,
+            [ribbons.outline(zone.polygon, 0.02)], colors=[colour], radii=ui_points(1.0),
+            labels=[zone.id + limit], show_labels=not zone.covered and len(site.zones) <= MANY_LABELS,
         )  # fmt: skip
         stream.static(entity("site", "zones", "rims", zone.id), rim)
 
@@ -145,8 +136,8 @@ def log_ways(stream: Stream, of: Lane, ways: list[Floats]) -> None:
     tint, frame = [tuple(int(40 + 0.35 * c) for c in of.colour)], of.fleet.dataset.site.frame
     strips = [np.column_stack([w, np.zeros(len(w))]) for w in ways]
     lines = rr.LineStrips3D(strips, colors=tint, radii=ui_points(0.8))
-    stream.static(entity("site", "driven", of.fleet.prefix, of.vehicle), lines)
+    stream.static(entity("site", "driven", of.fleet.name, of.vehicle), lines)
     if frame is not None:
         on_earth = [np.column_stack(frame.to_geographic(*w.T)) for w in ways]
         drawn = rr.GeoLineStrings(lat_lon=on_earth, colors=tint * len(ways), radii=ui_points(1.0))
-        stream.static(entity("geo", "driven", of.fleet.prefix, of.vehicle), drawn)
+        stream.static(entity("geo", "driven", of.fleet.name, of.vehicle), drawn)

@@ -98,16 +98,12 @@ def day_of(dataset: Dataset, vehicle: str, date: str, shortest: float) -> Unit:
 
 def _visits(edge: Index, time: Floats, network: Network) -> list[Ints]:
     """Sequences of vertices in the order driven, broken at gaps, off the map, and where edges do not join."""
-    out: list[list[int]] = [[]]
-    for i in np.flatnonzero(np.diff(edge, prepend=-2)).tolist():
-        e = int(edge[i])
-        gap = i > 0 and time[i] - time[i - 1] > MAX_GAP
-        if e < 0 or gap or (out[-1] and out[-1][-1] != network.start[e]):
-            out.append([])
-        if e >= 0:
-            out[-1] += [] if out[-1] else [int(network.start[e])]
-            out[-1].append(int(network.end[e]))
-    return [np.array(s, dtype=np.int64) for s in out if s]
+    first = np.flatnonzero(np.diff(edge, prepend=-2))
+    driven, gap = edge[first], np.diff(time, prepend=time[:1])[first] > MAX_GAP
+    before = np.append(-1, np.where(driven >= 0, network.end[driven], -1)[:-1])
+    fresh = np.flatnonzero((driven < 0) | gap | (network.start[driven] != before))
+    runs = (run[run >= 0] for run in np.split(driven, fresh))
+    return [np.append(network.start[run[0]], network.end[run]).astype(np.int64) for run in runs if len(run)]
 
 
 def peak(spells: Iterable[tuple[int, int, int]]) -> int:

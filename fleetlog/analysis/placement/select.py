@@ -94,8 +94,7 @@ def interchange(cost: Floats, sites: Ints, fixed: Mask) -> tuple[Ints, float]:
 
     ``cost`` (m, n) is the weighted distance of demand i to site j, ``sites`` (k,) the start, ``fixed`` (n,)
     sites that may not leave.  Where a site leaves, its demand goes to the second-nearest one or to the new
-    one, so all exchanges together are two comparisons of the costs.  Returns the sites and the total cost.
-    """
+    one, so all exchanges together are two comparisons of the costs.  Returns the sites and the total cost."""
     chosen, demand = sites.copy(), np.arange(len(cost))
     for _ in range(MOST_ROUNDS):
         away = cost[:, chosen]

@@ -19,6 +19,8 @@ LONGEST, TIGHTEST = 2e5, 100.0  # a longer road [m], or more of a turn in one pi
 MOST_LANES = 200  # the widest roads on earth have some thirty; the work grows with the square of the lanes
 AGAIN = "correct the map"
 MICRO = 1e-3  # a lane section shorter than this [m] is no edge; its links are carried through
+TRAVEL = {"forward": "+s", "backward": "-s", "bidirectional": "both"}
+"""Directions of lanes as a common extension writes them."""
 
 
 class Lane(NamedTuple):
@@ -169,10 +171,6 @@ def _lanes(section: Element, start: float) -> dict[int, Lane]:
     if max(counted) - min(counted) >= len(counted):
         raise SiteError(f"lane ids {sorted(out)} do not count up from the centre", do=AGAIN)
     return out
-
-
-TRAVEL = {"forward": "+s", "backward": "-s", "bidirectional": "both"}
-"""Directions of lanes as a common extension writes them."""
 
 
 def _lane(e: Element, start: float) -> Lane:

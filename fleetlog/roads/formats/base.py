@@ -18,6 +18,8 @@ from fleetlog.errors import SiteError
 
 MPH, KNOT, KMH = 0.44704, 1852.0 / 3600.0, 1.0 / 3.6
 SPEED_UNITS: dict[str, float] = {"m/s": 1.0, "km/h": KMH, "kmh": KMH, "kph": KMH, "mph": MPH, "knots": KNOT}
+HUGE = 1e9  # no coordinate, coefficient or count of a map is larger
+MOST_VERTICES = 20_000_000  # vertices of all roads of a map
 
 
 @dataclass(frozen=True)
@@ -123,10 +125,6 @@ class Nodes(dict[str, Floats]):
 def spot(x: Any, y: Any, place: str, z: Any = 0.0) -> Floats:
     """(3,) position of a map's text."""
     return np.array([number(v, place) for v in (x, y, z)])
-
-
-HUGE = 1e9  # no coordinate, coefficient or count of a map is larger
-MOST_VERTICES = 20_000_000  # vertices of all roads of a map
 
 
 def number(text: Any, place: str | None = None) -> float:

@@ -141,13 +141,11 @@ def osm_width(text: str) -> float:
     return float(found[1]) if found and 0.0 < float(found[1]) < 100.0 else math.nan
 
 
-_SPEED = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?\s*$")
-
-
 def osm_speed(text: str) -> float:
     """Lowest limit [m/s] of an OSM ``maxspeed`` text, NaN where unknown; plain numbers are km/h. Source:
     wiki.openstreetmap.org/wiki/Key:maxspeed."""
-    values = [_SPEED.match(part.strip(" '\"[]")) for part in re.split(r"[;,|]", text)]
+    form = r"\s*(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?\s*"
+    values = [re.fullmatch(form, part.strip(" '\"[]")) for part in re.split(r"[;,|]", text)]
     speeds = [float(m[1]) * SPEED_UNITS[m[2] or "km/h"] for m in values if m]
     return min((s for s in speeds if s > 0.0), default=math.nan)
 
