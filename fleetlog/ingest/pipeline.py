@@ -58,8 +58,7 @@ def import_logs(
     scratch.mkdir()
     try:
         said = cache(partial(provenance, inputs))
-        ahead = (said, partial(load_matcher, site))
-        reads = list(_read(logs, scratch, profile, progress, ahead))
+        reads = list(_read(logs, scratch, profile, progress, (said, partial(load_matcher, site))))
         _check_read(reads, logs)
         site, frames = site or Site(), profile.map_frames if profile is not None else ()
         site = replace(site, map_frames=tuple(dict.fromkeys((*site.map_frames, *frames))))
