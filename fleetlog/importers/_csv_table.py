@@ -40,7 +40,7 @@ class Block:
     cut: bool = False
 
     def lines(self, rows: int) -> Ints:
-        """Numbers of the lines that are not blank: all, where there are as many as ``rows`` that were read."""
+        """Numbers of the lines that are not blank: all, where they are as many as the ``rows`` read."""
         if rows == self.text.count(b"\n") + (not self.text.endswith(b"\n")):
             return np.arange(self.first, self.first + rows)
         raw = np.frombuffer(self.text + b"\n", np.uint8)
