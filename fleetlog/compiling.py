@@ -28,9 +28,8 @@ def kernel(**options: Any) -> Callable[[F], F]:
         except RuntimeError:  # numba found no folder that it can write
             made = njit(**options)(function)
         made._compiler._customize_flags = _Flags
-        # A loop's counter begins as the literal 0: without this a kernel would be compiled for that, too.
         made.get_call_template = lambda args, kws: type(made).get_call_template(
-            made, tuple(map(types.unliteral, args)), kws
+            made, tuple(map(_wide, args)), kws
         )
         kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
         if kept is not None:  # it is not kept, or numba was told not to compile
@@ -38,6 +37,13 @@ def kernel(**options: Any) -> Callable[[F], F]:
         return made  # type: ignore[no-any-return]
 
     return compiled
+
+
+def _wide(kind: Any) -> Any:
+    """The type for which a kernel is compiled that another one calls: a loop's counter begins as the literal
+    0, and numbers of trucks and edges are of 32 bits where they are kept and of 64 where they are counted."""
+    kind = types.unliteral(kind)
+    return types.int64 if kind == types.int32 else kind
 
 
 class _Flags(Flags):  # type: ignore[misc]

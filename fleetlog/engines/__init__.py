@@ -6,6 +6,8 @@ import os
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
+from importlib import import_module
 from typing import Any, TypeAlias, TypeVar
 
 from fleetlog.errors import DataError, FleetlogError, InputError, fault
@@ -24,7 +26,7 @@ class Engine:
     """Does jobs; function, jobs and results must be picklable.  This one does them here, in turn."""
 
     workers = 1  # Jobs that run at the same time
-    ahead: Sequence[str] = ()  # Modules that will be needed here: who waits for workers loads them
+    ahead: Tasks = ()  # What will be needed here: who waits for workers does it
 
     def pays(self, cost: float) -> bool:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
@@ -74,6 +76,11 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | Failure:
 
 _current: ContextVar[Engine] = ContextVar("engine", default=Engine())  # noqa: B039 - it holds no state
 current = _current.get  # Return the engine of the innermost :func:`using`; without one, jobs run here
+
+
+def loading(*modules: str) -> Tasks:
+    """The tasks of loading modules."""
+    return [partial(import_module, name) for name in modules]
 
 
 @contextmanager
@@ -137,23 +144,22 @@ class Cluster(Engine):
         if beside:
             yield from super()._done(work, jobs, name, beside)
             return
+        from distributed import KilledWorker
+
         futures: list[Any] = []
         try:
             for turn, job in enumerate(jobs):
                 more = jobs[turn + len(futures) : turn + AHEAD * self.workers]
                 futures += [self.client.submit(attempt, work, later, name, pure=False) for later in more]
-                yield self._outcome(futures[0], name(job))
+                try:
+                    outcome = futures[0].result()
+                except KilledWorker as error:
+                    what, do = f"its workers died ({error})", "give the workers more memory"
+                    outcome = DataError(what, where=name(job), do=do)
+                yield outcome
                 del futures[0]
         finally:
             self.client.cancel(futures)
-
-    def _outcome(self, future: Any, name: str) -> Any:
-        from distributed import KilledWorker
-
-        try:
-            return future.result()
-        except KilledWorker as error:
-            return DataError(f"its workers died ({error})", where=name, do="give the workers more memory")
 
     def close(self) -> None:
         """Leave the cluster as it was."""

@@ -160,8 +160,7 @@ def numbers(cells: pa.Array, decimal: str = ".") -> tuple[Floats, Mask]:
     values = np.array(kept.cast(pa.float64()).fill_null(np.nan), dtype=np.float64)
     nan = pc.fill_null(pc.match_substring_regex(text, "(?i)^[+-]?nan$"), False)
     empty = pc.fill_null(pc.equal(text, ""), True)
-    bad = ~np.asarray(pc.or_(pc.or_(good, nan), empty))
-    return values, bad
+    return values, ~np.asarray(pc.or_(pc.or_(good, nan), empty))
 
 
 def degrees(cells: pa.Array, decimal: str = ".") -> tuple[Floats, Mask]:

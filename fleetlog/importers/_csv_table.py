@@ -39,8 +39,10 @@ class Block:
     progress: float
     cut: bool = False
 
-    def lines(self) -> Ints:
-        """Numbers of the lines that are not blank."""
+    def lines(self, rows: int) -> Ints:
+        """Numbers of the lines that are not blank: all, where they are as many as the ``rows`` read."""
+        if rows == self.text.count(b"\n") + (not self.text.endswith(b"\n")):
+            return np.arange(self.first, self.first + rows)
         raw = np.frombuffer(self.text + b"\n", np.uint8)
         ends = np.flatnonzero(raw == ord("\n"))
         size = np.diff(ends, prepend=-1) - 1
@@ -123,7 +125,7 @@ def with_line_feeds(text: bytes, report: ReadReport) -> bytes:
     """The text with carriage returns that stand alone as line ends, or as blanks where they lie inside a row.
     A row that is whole only together with what follows the carriage return holds a stray one; whether it is
     whole is told by the usual number of separators in a line."""
-    if text.count(b"\r") == text.count(b"\r\n"):
+    if b"\r" not in text or text.count(b"\r") == text.count(b"\r\n"):
         return text
     if b"\n" not in text:
         return text.replace(b"\r", b"\n")
@@ -200,7 +202,8 @@ class TableReader:
     def read(self, block: Block) -> tuple[pa.Table, Ints, list[Reject]]:
         """The table of a block, the line of every row, and the lines with too many or too few fields."""
         table, self._first = self._first, None
-        table, lines = table or self._whole(self._as_utf8(block)), block.lines()
+        table = table or self._whole(self._as_utf8(block))
+        lines = block.lines(0 if table is None else len(table))
         rejects: list[Reject] = []
         if table is None or len(table) != len(lines):
             text, numbers, rejects = self._one_by_one(block)

@@ -3,7 +3,6 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -166,12 +165,8 @@ def figures(line: bytes, count: int) -> list[float] | None:
     return numbers if len(numbers) == count and all(map(isfinite, numbers)) else None
 
 
-def mostly(parse: Callable[[bytes], object]) -> Callable[[Path, bytes], bool]:
-    """The ``sniff`` of a format where ``parse`` makes something of most of the first lines but comments."""
-    return partial(_mostly, parse)
-
-
-def _mostly(parse: Callable[[bytes], object], _: Path, head: bytes) -> bool:
+def mostly(parse: Callable[[bytes], object], _: Path, head: bytes) -> bool:
+    """Whether ``parse`` makes something of most of the first lines but comments."""
     lines = [s for s in head.split(b"\n")[:20] if s.strip() and not s.lstrip().startswith(b"#")]
     return 2 * sum(parse(line) is not None for line in lines) > len(lines)
 

@@ -1,7 +1,7 @@
 """Times of logs as microseconds since 1970 UTC: ISO 8601, counts, formats, local times."""
 
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -24,7 +24,6 @@ EARLIEST, LATEST = -9_214_560_000_000_000, 9_223_286_400_000_000
 """Times that a dataset can hold [us]: 1678-01-01 to 2262-04-11, what nanoseconds in 64 bits can count."""
 OF_DAY = r"^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_MICROSECOND = timedelta(microseconds=1)
 
 
 @dataclass
@@ -81,8 +80,7 @@ def from_counts(values: Floats | Ints, unit: str, origin: int = 0) -> Ints:
         return np.where(good, origin + (whole * us if us > 0 else whole // -us), NONE)
     good = np.isfinite(values) & (np.abs(values) < reach)
     exact = np.where(good, values, 0.0)
-    scaled = exact * us if us > 0 else exact / -us
-    return np.where(good, origin + np.rint(scaled).astype(np.int64), NONE)
+    return np.where(good, origin + np.rint(exact * us if us > 0 else exact / -us).astype(np.int64), NONE)
 
 
 def of_day(cells: pa.Array, style: str) -> Ints:
@@ -142,7 +140,8 @@ def microseconds(moment: datetime) -> int:
     """Microseconds since 1970 UTC; a time without a zone is taken for UTC."""
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=UTC)
-    return (moment - _EPOCH) // _MICROSECOND
+    since = moment - _EPOCH
+    return (since.days * 86_400 + since.seconds) * 1_000_000 + since.microseconds
 
 
 def iso_time(text: str) -> int:

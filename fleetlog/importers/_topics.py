@@ -41,8 +41,7 @@ class Link(NamedTuple):
 
 def decoder(schema: str, encoding: str) -> Callable[[Any], dict[str, Any]] | None:
     """What reads the messages of a topic of transforms; None for any other."""
-    known = normal_name(schema) in (KIND, "tf/tfMessage")
-    return readers(KIND).get(encoding) if known else None
+    return readers(KIND).get(encoding) if normal_name(schema) in (KIND, "tf/tfMessage") else None
 
 
 def _links(message: dict[str, Any]) -> list[Link]:

@@ -116,8 +116,7 @@ def recognise(name: str) -> Meaning | None:
 
 def _plain(spelling: str, *, exact: bool = False) -> Meaning:
     column = _BY_SPELLING[spelling]
-    unit = find_unit("compass_deg", "angle") if spelling in _COMPASS else None
-    return Meaning(column, unit, exact=exact)
+    return Meaning(column, find_unit("compass_deg", "angle") if spelling in _COMPASS else None, exact=exact)
 
 
 def _with_unit(spelling: str, text: str) -> Meaning | None:

@@ -14,11 +14,11 @@ from fleetlog.importers.base import ReadOptions
 
 LIMIT = 1 << 24
 """Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""
-AT_ONCE = 64  # Empty elements that wait to be dropped
+AT_ONCE = 64  # Elements that wait to be dropped, and elements in one that may
 
 
 class Elements(Records):
-    """Elements of the ``wanted`` tags at their ends; like the ``passed`` ones counted, then emptied.
+    """Elements of the ``wanted`` tags at their ends; like the ``passed`` ones counted, then dropped.
 
     So memory does not grow with the file. Entities are not expanded, nothing is loaded from elsewhere,
     libxml2's limits on depth and text stay on. A file that is cut off or broken gives what came before; the
@@ -50,11 +50,12 @@ class Elements(Records):
         try:
             for number, (_, element) in enumerate(events):
                 self._since = 0
-                tag = _bare(element.tag)
+                tag = bare(element.tag)
                 self.seen[tag] += 1
                 if tag in self.wanted:
                     yield element
-                element.clear()
+                if len(element) > AT_ONCE:
+                    element.clear()
                 if not number % AT_ONCE:
                     _forget(element)
         except etree.XMLSyntaxError as error:
@@ -66,16 +67,12 @@ class Elements(Records):
 def _forget(element: Any) -> None:
     """Drop what stands before an element whose end was seen, and before all that it is in, but for names."""
     while (parent := element.getparent()) is not None:
-        while (before := element.getprevious()) is not None and local(before) != "name":
-            parent.remove(before)
+        name = next(element.itersiblings("{*}name", preceding=True), None)
+        del parent[0 if name is None else parent.index(name) + 1 : parent.index(element)]
         element = parent
 
 
-def local(element: Any) -> str:
-    """The tag without its namespace; ``""`` for comments and instructions."""
-    return _bare(element.tag)
-
-
 @lru_cache(1 << 10)
-def _bare(tag: Any) -> str:
+def bare(tag: Any) -> str:
+    """A tag without its namespace; ``""`` for comments and instructions."""
     return tag.rsplit("}", 1)[-1] if isinstance(tag, str) else ""

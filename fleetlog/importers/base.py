@@ -176,6 +176,5 @@ def _looks(path: Path) -> str:
     packed = compression(path)
     if not head:
         return "nothing in it can be unpacked" if packed else "the file is empty"
-    control = sum(b < 9 or 13 < b < 32 for b in head)
-    kind = "binary" if control > 0.02 * len(head) else "text"
+    kind = "binary" if sum(b < 9 or 13 < b < 32 for b in head) > 0.02 * len(head) else "text"
     return f"{kind}, {count(path.stat().st_size, 'byte')}{', ' + packed if packed else ''}"

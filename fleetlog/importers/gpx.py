@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
 from fleetlog.importers._rows import finite, heading_of_course
-from fleetlog.importers._xml import Elements, local
+from fleetlog.importers._xml import Elements, bare
 from fleetlog.importers.base import Importer, ReadOptions, holding
 
 _KEPT = {"ele": "z", "hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
@@ -39,9 +39,10 @@ class _Gpx(Elements):
         values: dict[str, Any] = {"latitude": finite(point.get("lat")), "longitude": finite(point.get("lon"))}
         time = None
         for leaf in point:
-            if (name := local(leaf)) == "time":
-                time = leaf.text
-            elif not _known(values, name, leaf.text) and len(leaf):
+            name, text = bare(leaf.tag), leaf.text
+            if name == "time":
+                time = text
+            elif not _known(values, name, text) and len(leaf):
                 _extend(values, leaf)
         self.rows.add_iso(self._vehicle, time, number, values, point.attrib)
 
@@ -67,15 +68,16 @@ def _known(values: dict[str, Any], name: str, text: str | None) -> bool:
     """Take what every device calls alike."""
     if name in _KEPT:
         values[_KEPT[name]] = finite(text)
-    elif name in _COURSES:
+        return True
+    if name in _COURSES:
         values["heading"] = heading_of_course(finite(text))
-    return name in _KEPT or name in _COURSES
+    return name in _COURSES
 
 
 def _extend(values: dict[str, Any], part: Any) -> None:
     """Take what an extension says besides: numbers and labels under their own names."""
     for leaf in part.iterdescendants("{*}*"):
-        name = local(leaf)
+        name = bare(leaf.tag)
         if not _known(values, name, leaf.text) and not len(leaf):
             figure, column = finite(leaf.text), BY_NAME.get(name)
             if figure == figure and name not in ("latitude", "longitude"):

@@ -4,6 +4,7 @@ Axes are those of the export: x, y on the floor and z up."""
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes
@@ -54,4 +55,4 @@ class _Kitti(Records):
         self.report.recognised[TIMES] = f"timestamp, from s{since}"
 
 
-IMPORTER = Importer("kitti", (".txt", ".kitti"), mostly(_pose), _Kitti.batches, rank=5)
+IMPORTER = Importer("kitti", (".txt", ".kitti"), partial(mostly, _pose), _Kitti.batches, rank=5)

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from fleetlog.core.words import count
 from fleetlog.importers._rows import finite
-from fleetlog.importers._xml import Elements, local
+from fleetlog.importers._xml import Elements, bare
 from fleetlog.importers.base import Importer, holding
 
 
@@ -17,12 +17,12 @@ class _Kml(Elements):
     recognised: ClassVar = {"gx:coord, coordinates": "WGS 84 position, z in m", "when": "timestamp, ISO 8601"}
 
     def take(self, element: Any, _: int) -> None:
-        tag = local(element)
+        tag = bare(element.tag)
         record = self.seen[tag]
         if tag == "Track":
             # ``when`` and ``coord`` go in pairs; one too many is one rejected record.
-            times = [e.text for e in element if local(e) == "when"]
-            spots = [(e.text or "").split() for e in element if local(e) == "coord"]
+            times = [e.text for e in element if bare(e.tag) == "when"]
+            spots = [(e.text or "").split() for e in element if bare(e.tag) == "coord"]
             for time, spot in zip(times, spots, strict=False):
                 self._add(record, time, spot)
             if len(times) != len(spots):

@@ -74,8 +74,7 @@ class _Group:
         self.fields: Fields = fields_of(self.names, options.profile, options.report)
         known = self.fields.columns
         self.placed = any(set(pair) <= known.keys() for pair in (GEOGRAPHIC, LOCAL))
-        own = self.fields.kept if self.placed else []
-        self.wanted = known | {name: Source(name) for name in own}
+        self.wanted = known | {name: Source(name) for name in (self.fields.kept if self.placed else [])}
         self.vehicle = options.name
 
     def batches(self, done: int) -> Iterator[RawBatch]:

@@ -146,8 +146,7 @@ def _points(array: pa.Array) -> tuple[Floats, Floats]:
     x, y = np.full(len(array), np.nan), np.full(len(array), np.nan)
     for i, wkb in enumerate(array.to_pylist()):
         if isinstance(wkb, bytes) and len(wkb) >= 21 and wkb[0] in (0, 1):
-            order = "<" if wkb[0] else ">"
-            kind, a, b = struct.unpack_from(order + "Idd", wkb, 1)
+            kind, a, b = struct.unpack_from(("<" if wkb[0] else ">") + "Idd", wkb, 1)
             if kind % 1000 == 1:
                 x[i], y[i] = a, b
     return x, y

@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 from fleetlog.core.words import count
 from fleetlog.importers._rows import finite
-from fleetlog.importers._xml import Elements, local
+from fleetlog.importers._xml import Elements, bare
 from fleetlog.importers.base import Importer, holding
 
 _LEAVES = {
@@ -27,7 +27,7 @@ class _Tcx(Elements):
         if point.find("{*}Position") is None:
             self.still += 1
             return
-        texts = {local(leaf): leaf.text for leaf in point.iter()}
+        texts = {bare(leaf.tag): leaf.text for leaf in point.iter()}
         values = {name: finite(texts[leaf]) for leaf, name in _LEAVES.items() if leaf in texts}
         self.rows.add_iso(self.vehicle, texts.get("Time"), number, values)
 

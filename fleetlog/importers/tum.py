@@ -2,6 +2,7 @@
 
 import math
 from decimal import Decimal
+from functools import partial
 
 from fleetlog.importers._rows import Records, figures, heading_of_quaternion, mostly
 from fleetlog.importers.base import LOCAL, Importer
@@ -39,4 +40,4 @@ class _Tum(Records):
         }  # fmt: skip
 
 
-IMPORTER = Importer("tum", (".tum", ".txt"), mostly(_pose), _Tum.batches, rank=5)
+IMPORTER = Importer("tum", (".tum", ".txt"), partial(mostly, _pose), _Tum.batches, rank=5)

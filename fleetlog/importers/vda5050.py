@@ -19,8 +19,6 @@ Message = dict[str, Any]
 MOST = 1e300  # A sum of weights beyond what a float holds is far beyond any load, and refused as that
 # without quotation marks: a wrapped payload may be a string, with its marks escaped
 _MARKS = (b"serialNumber", b"agvPosition", b"mobileRobotPosition", b"batteryState", b"powerSupply")
-
-
 _KINDS = {
     "connectionState": "connection", "nodes": "order", "actions": "instantActions",
     "typeSpecification": "factsheet", "driving": "state without position",

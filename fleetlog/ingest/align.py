@@ -185,9 +185,8 @@ def _turned(points: Floats, rotation: float) -> Floats:
 def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float) -> Complexes:
     """Fourier transforms of where is road (or driven), by direction; every square counts once."""
     x, y = ((place / cell).astype(np.int64) % side).T
-    sector = np.round(heading / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
     picture = np.zeros((SECTORS, side, side), np.float32)
-    picture[sector, y, x] = 1.0
+    picture[np.round(heading / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS, y, x] = 1.0
     if blur:
         picture = np.maximum.reduce([np.roll(picture, beside, axis=0) for beside in (-1, 0, 1)])
         picture = np.minimum(gaussian_filter(picture, (0.0, blur, blur), mode="wrap") * 3.0, 1.0)

@@ -111,8 +111,7 @@ def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
         if not len(breaks):
             break
         size = np.diff(breaks, prepend=0, append=len(index))
-        beside = np.maximum(np.append(size[1:], 0), np.append(0, size[:-1]))
-        short = (size < SHORT_JUMP) & (size < beside)
+        short = (size < SHORT_JUMP) & (size < np.maximum(np.append(size[1:], 0), np.append(0, size[:-1])))
         if not short.any():
             break
         drop = np.repeat(short & (size == size[short].min()), size)

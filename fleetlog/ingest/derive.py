@@ -169,10 +169,9 @@ def interpolated(at: Floats, t: Floats, values: Floats) -> Floats:
     inside = (at >= t[0]) & (at <= t[-1])
     near = np.where(inside, t[after] - t[before] <= reach, np.minimum(gap_before, gap_after) <= reach)
     nearest = np.where(gap_before <= gap_after, values[before], values[after])
-    close = np.minimum(gap_before, gap_after) <= reach / 2
     with np.errstate(over="ignore", invalid="ignore"):  # a column of the log's own may hold anything
         line = np.interp(at, t, values)
-    return np.where(near, line, np.where(close, nearest, np.nan))
+    return np.where(near, line, np.where(np.minimum(gap_before, gap_after) <= reach / 2, nearest, np.nan))
 
 
 def _held(own: Labels, given: Labels, at: Floats, t: Floats) -> Labels:
@@ -217,8 +216,7 @@ def _between(rows: Trajectory, known: NDArray[np.intp]) -> tuple[Floats, NDArray
     at = np.arange(len(rows))
     k = np.clip(np.searchsorted(known, at, side="right") - 1, 0, len(known) - 2)
     before, after = known[k], known[k + 1]
-    step = np.diff(t, prepend=t[:1])
-    way = np.cumsum(np.nan_to_num(speed) * step)
+    way = np.cumsum(np.nan_to_num(speed) * np.diff(t, prepend=t[:1]))
     blind = np.cumsum(np.isnan(speed).astype(np.int64))
     length, time = way[after] - way[before], t[after] - t[before]
     guided = (blind[after] == blind[before]) & (length > 0.0)

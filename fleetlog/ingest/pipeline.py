@@ -10,7 +10,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 from fleetlog import engines
@@ -24,7 +24,7 @@ from fleetlog.ingest.place import check_matched
 from fleetlog.ingest.reading import Read, groups_of, read_group
 from fleetlog.ingest.rejects import NAME, gather
 from fleetlog.ingest.rows import Slip, windows
-from fleetlog.ingest.stretch import Plan, import_vehicle, probe
+from fleetlog.ingest.stretch import Plan, import_vehicle, load_matcher, probe
 from fleetlog.ingest.summary import ImportSummary, Outcome, added_up, complete
 from fleetlog.store.documents import provenance
 from fleetlog.store.writer import DatasetWriter
@@ -51,10 +51,14 @@ def import_logs(
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     progress = progress or (lambda _what, _share: None)
     logs = find_logs(paths, format)
+    inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
+    if profile is not None and profile.path:
+        inputs.append(Path(profile.path))
     scratch = writer.path / ".spill"
     scratch.mkdir()
     try:
-        reads = list(_read(logs, scratch, profile, progress))
+        said = cache(partial(provenance, inputs))
+        reads = list(_read(logs, scratch, profile, progress, (said, partial(load_matcher, site))))
         _check_read(reads, logs)
         site, frames = site or Site(), profile.map_frames if profile is not None else ()
         site = replace(site, map_frames=tuple(dict.fromkeys((*site.map_frames, *frames))))
@@ -63,10 +67,7 @@ def import_logs(
         summary = _write(reads, plan, writer, progress, align=align)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
-    if profile is not None and profile.path:
-        inputs.append(Path(profile.path))
-    writer.provenance, writer.summary = provenance(inputs), summary.to_dict()
+    writer.provenance, writer.summary = said(), summary.to_dict()
     if writer.old is not None:
         first = writer.old.meta["provenance"]
         writer.provenance = {**first, "appended": [*first.get("appended", ()), writer.provenance]}
@@ -74,8 +75,10 @@ def import_logs(
     return summary
 
 
-def _read(logs: list[Log], scratch: Path, profile: Profile | None, progress: Progress) -> Iterator[Read]:
-    """What the groups of logs gave."""
+def _read(
+    logs: list[Log], scratch: Path, profile: Profile | None, progress: Progress, ahead: engines.Tasks
+) -> Iterator[Read]:
+    """What the groups of logs gave; who waits for them does what is ``ahead``."""
 
     def tell(log: Log, share: float) -> None:
         progress(f"reading {log.path.name}", READ_SHARE * (logs.index(log) + share) / len(logs))
@@ -84,6 +87,7 @@ def _read(logs: list[Log], scratch: Path, profile: Profile | None, progress: Pro
     cost = ROW_COST * sum(log.path.stat().st_size for log in logs if log.path.is_file()) / ROW_BYTES
     engine = _engine(cost, len(groups))
     told = tell if type(engine) is engines.Engine else None
+    engine.ahead = [*engine.ahead, *ahead]
     work = partial(read_group, scratch, names_of(logs), profile, told)
     with closing(engine.run(work, groups, lambda group: str(group[1][0].path))) as reads:
         for (_, group), read in zip(groups, reads, strict=True):

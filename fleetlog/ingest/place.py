@@ -104,9 +104,8 @@ def _distance(place: Sequence[Any], network: Network) -> float:
 def check_matched(share: float | None, rows: int, site: Site) -> None:
     """:class:`DataError` where next to no row lies on a road: another place, or another frame."""
     if share is not None and rows and share < NO_ROWS:
-        what = f"0.0 % of the {rows:,} rows are on a road of site {site.name!r}"
         do = "check the site's frame and the log's coordinates and units, or import without --site"
-        raise DataError(what, do=do)
+        raise DataError(f"0.0 % of the {rows:,} rows are on a road of site {site.name!r}", do=do)
 
 
 def looks_like_degrees(rows: Trajectory) -> bool:

@@ -49,8 +49,7 @@ class Rejects:
             self.add(file, [Reject(record, reason, picture(rows, row), whole)])
 
     def _flush(self) -> None:
-        columns = zip(*self._waiting, strict=True)
-        table = pa.table(dict(zip(_COLUMNS, columns, strict=True)), schema=_SCHEMA)
+        table = pa.table(dict(zip(_COLUMNS, zip(*self._waiting, strict=True), strict=True)), schema=_SCHEMA)
         if self._writer is None:
             self._writer = pq.ParquetWriter(self.file, _SCHEMA, compression="zstd")
         self._writer.write_table(table)

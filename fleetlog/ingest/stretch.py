@@ -84,6 +84,15 @@ def probe(plan: Plan, slips: Mapping[str, Sequence[Slip]]) -> Plan:
     return plan
 
 
+def load_matcher(site: Site | None) -> None:
+    """Bring the kernels of the matcher into memory, by a drive along a road."""
+    if site is not None and site.network:
+        from fleetlog.roads.matching import match
+
+        x, y, _ = site.network.polyline(0).T
+        match(Trajectory("", np.arange(len(x)) * 1_000_000, {"x": x, "y": y}), site.network)
+
+
 class VehicleImport:
     """The second half of an import for one vehicle; its rows come in order of time."""
 

@@ -84,8 +84,7 @@ def white_noise(track: Track) -> float:
     noise. At long intervals motion adds to it, so it is an upper bound."""
     if len(track.t) < 8:
         return 1.0
-    whole = track.chain[3:] == track.chain[:-3]
-    third = np.hypot(np.diff(track.x, 3), np.diff(track.y, 3))[whole]
+    third = np.hypot(np.diff(track.x, 3), np.diff(track.y, 3))[track.chain[3:] == track.chain[:-3]]
     third = third[third != 0.0]
     if len(third) < 5:
         return 0.05
@@ -128,9 +127,8 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     t, x, y = (_mean(v, first) for v in (track.t, track.x, track.y))
     chord = np.hypot(np.diff(x), np.diff(y))
     blur = 2.0 * noise**2 / np.maximum(np.minimum(np.diff(first)[1:], np.diff(first)[:-1]), 1)
-    by_position = np.sqrt(np.maximum(chord**2 - blur, 0.0))
     steps = np.diff(_mean(travelled, first)) if len(travelled) else np.full(len(chord), np.nan)
-    moved = np.where(np.isfinite(steps), steps, by_position)
+    moved = np.where(np.isfinite(steps), steps, np.sqrt(np.maximum(chord**2 - blur, 0.0)))
     # a heading may point against the motion, so only its axis counts
     return Groups(
         first, t, x, y, np.append(moved, 0.0), _axis(track.heading, first), still, track.chain[first[:-1]]

@@ -249,8 +249,7 @@ def _own_frame(earth: Inverse, points: Floats) -> Frame:
     low, high = points.min(axis=0), points.max(axis=0)
     near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())
     origin = np.zeros(2) if near else (low + high) / 2.0
-    step = max(1.0, float((high - low).max()) / 2.0)
-    frame = frame_at(earth, float(origin[0]), float(origin[1]), step)
+    frame = frame_at(earth, float(origin[0]), float(origin[1]), max(1.0, float((high - low).max()) / 2.0))
     return frame if abs(frame.rotation) > 1e-9 else replace(frame, rotation=0.0)
 
 
@@ -271,8 +270,7 @@ def _moved(road_map: RoadMap, x: Floats, y: Floats) -> RoadMap:
     if (away := float(np.hypot(x, y).min())) > FAR:
         what = f"the roads are {away / 1000.0:.0f} km from the site's frame"
         raise SiteError(what, do="correct [frame] or give another map")
-    bounds = np.cumsum([len(e.points) for e in road_map.edges])
-    *lines, stops = np.split(np.column_stack([x, y]), bounds)
+    *lines, stops = np.split(np.column_stack([x, y]), np.cumsum([len(e.points) for e in road_map.edges]))
     edges = [
         replace(e, points=np.column_stack([line, e.points[:, 2]]))
         for e, line in zip(road_map.edges, lines, strict=True)

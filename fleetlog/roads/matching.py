@@ -176,8 +176,7 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
     (near, choice, back), size = _decode(groups, prepared, p), np.diff(groups.first)
     routes = build_routes(prepared.store, prepared.roads, near, choice, groups.moved, back)
     found = _nothing(len(track.t), p)
-    off = choice.posterior[near.ptr[1:] + np.arange(len(size))]
-    found.confidence[:] = np.repeat(off, size)
+    found.confidence[:] = np.repeat(choice.posterior[near.ptr[1:] + np.arange(len(size))], size)
     lasting = p.sigma**2 * max(p.persistence - CHANCE_PERSISTENCE, 0.0) / (1.0 - CHANCE_PERSISTENCE)
     found.standing[:] = np.repeat(groups.still, size)
     rows = _rows(track, groups, routes, found.standing, route_posterior(choice, near, routes), p)
@@ -226,8 +225,7 @@ def _reasons(
             reason[g] = NO_ROAD
         else:
             against = sharpness[g] > 0.0 and (direction[:, g] @ tangent < -0.5).any()
-            one_way = (prepared.roads.reverse[edges] < 0).all()
-            reason[g] = ONE_WAY if one_way and against else NO_PATH
+            reason[g] = ONE_WAY if against and (prepared.roads.reverse[edges] < 0).all() else NO_PATH
     return reason
 
 

@@ -56,7 +56,7 @@ class Router:
         for edge in (source, target):
             if not 0 <= edge < len(n):
                 raise DataError(f"no edge with the number {edge}; the network has {len(n)}")
-        chain, entered = astar(self.graph(closed), np.int32(source), np.int32(target), np.inf)
+        chain, entered = astar(self.graph(closed), int(source), int(target), np.inf)
         if not len(chain):
             return None
         return Route(chain, float(entered[-1] + self.time[target]), float(n.length[chain].sum()))

@@ -216,7 +216,7 @@ def assemble(
     offset, lateral = project_points(plane, network.first, network.distance, edge, x, y)
     return Track(
         network, first, length / (count - 1), length, source.astype(np.int32), target.astype(np.int32), x, y,
-        network.position(edge, offset)[:, 2], np.angle(np.exp(1j * heading)), curvature,
+        network.position(edge, offset)[:, 2].copy(), np.angle(np.exp(1j * heading)), curvature,
         network.slope(edge, offset), edge, offset, lateral,
     )  # fmt: skip
 

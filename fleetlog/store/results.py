@@ -68,8 +68,7 @@ def _coordinates(local: Floats, frame: Frame | None) -> Floats:
 
 def _write_squares(table: pd.DataFrame, size: float, path: Path, frame: Frame | None) -> None:
     """Square cells about x, y [m]: GeoParquet 1.1, and GeoJSON where they are not too many."""
-    centres = table[["x", "y"]].to_numpy(dtype=np.float64)
-    rings = _coordinates(centres[:, None, :] + size * _CORNERS, frame)
+    rings = _coordinates(table[["x", "y"]].to_numpy(dtype=np.float64)[:, None, :] + size * _CORNERS, frame)
     wkb = np.zeros(len(rings), _WKB)
     wkb["order"], wkb["kind"], wkb["rings"], wkb["points"], wkb["xy"] = 1, 3, 1, 5, rings
     geometry = pa.array([polygon.tobytes() for polygon in wkb], pa.binary())
@@ -188,8 +187,7 @@ def roads_geojson(network: Network, frame: Frame, more: Mapping[str, Mapping[str
     for i, edge in enumerate(network.edge_ids):
         back = int(network.reverse[i])
         points, other = network.polyline(i), network.polyline(back)[::-1]
-        apart = len(points) != len(other) or np.abs(points - other).max() > 1e-3
-        oneway = back < 0 or bool(apart)
+        oneway = back < 0 or bool(len(points) != len(other) or np.abs(points - other).max() > 1e-3)
         if oneway or not edge.startswith("-"):
             features.append(_feature(network, i, oneway, frame, more.get(edge, {})))
     return {"type": "FeatureCollection", "features": features}

@@ -124,8 +124,7 @@ def trips_of(pieces: Sequence[Columns]) -> pd.DataFrame:
 
     def add(name: str, last: str, time: Floats = gap) -> Floats:
         """Sums over the pieces, and over the time from the last row of each to the next."""
-        between = np.where(time > 0.0, of[last] * time, 0.0)
-        return np.asarray(np.add.reduceat(of[name] + between, begin))
+        return np.asarray(np.add.reduceat(of[name] + np.where(time > 0.0, of[last] * time, 0.0), begin))
 
     driven, rows = (np.add.reduceat(v, begin) for v in (of["driving_time"] + moves, of["rows"]))
     start, stop = of["start"][begin], of["end"][end]

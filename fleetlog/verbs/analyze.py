@@ -32,7 +32,7 @@ class Analysis(Verb):
         options = {o.name: o for o in self.options}
         read = [value for name, value in given.items() if options[name].is_path]
         with destination(output, "analysis", overwrite, read) as keep:
-            engines.current().ahead = () if output is None else DRAWING
+            engines.current().ahead = () if output is None else engines.loading(*DRAWING)
             for kind, (_, load) in LOADED.items():
                 of_kind = [n for n in given if getattr(options[n].type, "__name__", "") == kind]
                 for name in (n for n in of_kind if given[n] is not None):

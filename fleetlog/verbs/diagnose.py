@@ -60,7 +60,7 @@ def diagnose(
     recording, nominal = inputs.as_dataset(dataset), inputs.as_truck(truck)
     given = None if site is None else inputs.as_site(site)
     simulated = None if against is None else inputs.as_dataset(against)
-    engines.current().ahead = () if output is None else ("rerun", "matplotlib.figure")
+    engines.current().ahead = () if output is None else engines.loading("rerun", "matplotlib.figure")
     with destination(output, "diagnosis", overwrite, (dataset, truck, site, against)) as keep:
         found = discovery.diagnose(
             recording, nominal, site=given, against=simulated, channels=channels, terms=terms,

@@ -67,8 +67,7 @@ def import_(
     else:
         place = Site() if site is None else as_site(site)
         writing = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
-    replay = ("fleetlog.view.recording",) if recording and not append else ()
-    engines.current().ahead = ("fleetlog.roads.matching", *replay)
+    engines.current().ahead = engines.loading("fleetlog.view.recording") if recording and not append else ()
     with writing as writer:
         summary = import_logs(paths, writer.site, writer, progress=progress, align=align, **read)
         if recording and not append:

@@ -82,8 +82,9 @@ def clock_of(dataset: Dataset) -> Clock | None:
     """The clock that skips the silences of a recording; None where it has none."""
     if dataset.kind != "recorded":
         return None
-    days = [np.unique(t.time // MINUTE) for t in dataset.days(())]
-    return skipping(np.unique(np.concatenate([np.zeros(0, np.int64), *days])))
+    days = (t.time // MINUTE for t in dataset.days(()))  # in order: np.unique alone would not know it
+    minutes = [day[np.diff(day, prepend=day[:1] - 1) > 0] for day in days]
+    return skipping(np.unique(np.concatenate([np.zeros(0, np.int64), *minutes])))
 
 
 def skipping(minutes: Ints) -> Clock | None:

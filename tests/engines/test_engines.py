@@ -98,7 +98,7 @@ def test_what_is_beside_the_jobs_is_done_here(tmp_path, workers):
 
 def test_modules_are_loaded_while_workers_work():
     with engines.using(2) as engine:
-        engine.ahead = ("colorsys",)
+        engine.ahead = engines.loading("colorsys")
         sys.modules.pop("colorsys", None)
         assert list(engine.run(slow_square, JOBS)) == [n * n for n in JOBS]
     assert "colorsys" in sys.modules

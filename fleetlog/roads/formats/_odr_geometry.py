@@ -58,11 +58,10 @@ def param_poly3(u: Floats, v: Floats, length: float, span: float) -> Curve:
 
 def poly3(v: Floats, length: float) -> Curve:
     """v(u) cubic (coefficients (4,) a to d), u along the start heading, found from the arc length."""
-    identity = np.array([0.0, 1.0, 0.0, 0.0])
     grid = np.linspace(0.0, length, _TABLE)
     passed = _arc_length(grid, Polynomial([1.0]), Polynomial(v).deriv())
     # The curve is at least as long as u, so u stays within the length.
-    return param_poly3(identity, v, length, float(np.interp(length, passed, grid)))
+    return param_poly3(np.array([0.0, 1.0, 0.0, 0.0]), v, length, float(np.interp(length, passed, grid)))
 
 
 def _arc_length(grid: Floats, du: Polynomial, dv: Polynomial) -> Floats:

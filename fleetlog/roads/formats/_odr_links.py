@@ -10,7 +10,6 @@ from dataclasses import replace
 from itertools import chain, pairwise, product
 from typing import Any
 
-import networkx as nx
 import numpy as np
 
 from fleetlog.core.arrays import Floats
@@ -25,6 +24,8 @@ Pair = tuple[LaneEnd, LaneEnd] | None
 def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> list[tuple[str, str]]:
     """The allowed turns, (edge id, next edge id), of the tally's lanes, whose nodes are lane ends. Lane ends
     that touch become one node; dead ends are noted."""
+    import networkx as nx
+
     lanes, touching = tally.edges, _touching(roads, junctions, tally)
     entering: dict[str, list[str]] = defaultdict(list)
     nodes: dict[str, str] = {}
@@ -41,8 +42,10 @@ def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> l
     return turns
 
 
-def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> "nx.Graph[str]":
-    """All lane ends that touch, whichever of them says so."""
+def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> Any:
+    """The graph of all lane ends that touch, whichever of them says so."""
+    import networkx as nx
+
     said: nx.DiGraph[LaneEnd] = nx.DiGraph()
     odd = 0
     in_roads = (_links_of(road, roads) for road in roads.values())

@@ -78,8 +78,7 @@ def _line(text: str, start: Floats, end: Floats) -> Floats:
         raise SiteError("its LINESTRING is broken", do="save the graph again")
     flat = np.array(rows, dtype=np.float64)
     passed = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(flat, axis=0), axis=1))])
-    share = passed / max(float(passed[-1]), 1e-12)
-    return np.column_stack([flat, start[2] + share * (end[2] - start[2])])
+    return np.column_stack([flat, start[2] + passed / max(float(passed[-1]), 1e-12) * (end[2] - start[2])])
 
 
 def _paired(edges: list[Edge], against: set[str]) -> list[Edge]:

@@ -36,9 +36,8 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     allowed = {str(t.get("name")): _kind([t]) for t in model.iterfind("locationType")}
     for location in model.iterfind("location"):
         links = [link for link in location.iterfind("link") if str(link.get("point")) in spots]
-        kind = _kind(links) or allowed.get(str(location.get("type")))
         where = spots[str(links[0].get("point"))] if links else _spot(location)
-        tally.stop(str(location.get("name")), kind, where)
+        tally.stop(str(location.get("name")), _kind(links) or allowed.get(str(location.get("type"))), where)
     for name, point in points.items():
         if point.get("type") == "PARK_POSITION":
             tally.stop(name, "park", spots[name])

@@ -112,7 +112,7 @@ def route_posterior(choice: Choice, near: Candidates, routes: Routes) -> Floats:
 
 
 @kernel()
-def astar(graph: Graph, source: np.int32, target: np.int32, most: float) -> tuple[Index, Floats]:
+def astar(graph: Graph, source: int, target: int, most: float) -> tuple[Index, Floats]:
     """Cheapest chain of edges from ``source`` to ``target``; and the cost at each.  Empty if there is none,
     or none whose cost up to the target is below ``most``.  Among equal costs the predecessor with the lower
     number wins.
@@ -127,7 +127,7 @@ def astar(graph: Graph, source: np.int32, target: np.int32, most: float) -> tupl
     done = np.zeros(edges, dtype=np.bool_)
     best[source] = 0.0
     end = starts[target]
-    heap = [(0.0, source)]
+    heap: list[tuple[float, Any]] = [(0.0, source)]
     while len(heap) > 0:
         bound, i = heappop(heap)
         if bound >= most:
@@ -139,7 +139,7 @@ def astar(graph: Graph, source: np.int32, target: np.int32, most: float) -> tupl
             break
         onward = best[i] + cost[i]
         for k in range(next_first[i], next_first[i + 1]):
-            j = next_edges[k]
+            j = np.int64(next_edges[k])
             if closed[j] or done[j]:
                 continue
             there = onward + turn_cost[k]
@@ -150,9 +150,9 @@ def astar(graph: Graph, source: np.int32, target: np.int32, most: float) -> tupl
                 heappush(heap, (there + least * np.sqrt(x * x + y * y + z * z), j))
     if not done[target]:
         return np.empty(0, dtype=np.int32), np.empty(0, dtype=np.float64)
-    chain = [target]
+    chain: list[Any] = [target]
     while chain[-1] != source:
-        chain.append(came[chain[-1]])
+        chain.append(np.int64(came[chain[-1]]))
     edges_of = np.array(chain[::-1], dtype=np.int32)
     return edges_of, best[edges_of]
 
