@@ -147,7 +147,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
 
 def _mission(asked: Asked, writer: DatasetWriter) -> Told:
     writer.site = asked.like.site
-    summary = replay(asked.like, asked.truck, writer, asked.physics, _told, asked.together)
+    summary = replay(asked.like, asked.truck, writer, asked.physics, _told, asked.together, asked.temperature)
     lines = [
         f"{count(summary.vehicles, 'truck')} drove {count(summary.trips, 'trip')} again: "
         f"{count(summary.rows, 'row')}.",
