@@ -65,6 +65,7 @@ class Place:
     y: float
     plugs: int = 1  # Trucks that there is room for at once; chargers have as many plugs
     power: float = float("nan")  # Charging power [W] of one plug, for kind ``charge``
+    swap: float = float("nan")  # There batteries are not charged, but swapped for full ones in this time [s]
 
 
 @dataclass(frozen=True)

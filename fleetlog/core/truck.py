@@ -35,6 +35,7 @@ class Drive:
     max_acceleration: float = _key(0.6, "m/s2", "setting off", 1e-3)
     max_deceleration: float = _key(0.8, "m/s2", "braking", 1e-3)
     max_lateral_acceleration: float = _key(1.2, "m/s2", "in turns", 1e-3)
+    reaction: float = _key(0.0, "s", "after which drivers set off or brake behind another truck", 0.0, 10.0)
 
 
 @dataclass(frozen=True)

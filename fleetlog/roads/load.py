@@ -69,7 +69,7 @@ NETWORK: schema.Keys = {
 POWER: schema.Keys = {"limit": schema.real(1.0, 1e9, "W")}
 PLACE: schema.Keys = {
     "id": schema.text, "kind": schema.one_of("pick", "drop", "park", "charge"), "x": metres, "y": metres,
-    "plugs": schema.whole(), "power": schema.real(0.0, 1e9),
+    "plugs": schema.whole(), "power": schema.real(0.0, 1e9), "swap": schema.real(30.0, 86400.0, "s"),
 }  # fmt: skip
 ZONE: schema.Keys = {
     "id": schema.text, "polygon": _polygon, "speed_limit": schema.real(1e-3, 100.0), "covered": schema.flag,

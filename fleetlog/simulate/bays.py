@@ -83,8 +83,8 @@ class BayMaker:
         t, reverse = self.track, int(self.track.network.reverse[lane])
         if reverse < 0:
             return np.ones(np.shape(centre), dtype=np.bool_)
-        on_road = np.interp(np.maximum(centre, 0.0), *_offsets(t, lane))
-        at = np.interp(t.network.length[lane] - on_road, *_offsets(t, reverse)[::-1]) - radius
+        on_road = np.interp(np.maximum(centre, 0.0), *offsets(t, lane))
+        at = np.interp(t.network.length[lane] - on_road, *offsets(t, reverse)[::-1]) - radius
         low, high = span(t, self.junctions, reverse)
         return np.asarray((low + SPACING <= at) & (at <= high))
 
@@ -146,7 +146,7 @@ def _into(radius: float, deep: float, side: float) -> tuple[Floats, float]:
     return even(points, 0.5 * SPACING)
 
 
-def _offsets(t: Track, lane: int) -> tuple[Floats, Floats]:
+def offsets(t: Track, lane: int) -> tuple[Floats, Floats]:
     """Metres along a lane of its samples, and along its road."""
     rows = slice(t.first[lane], t.first[lane + 1])
     return np.arange(rows.stop - rows.start) * t.spacing[lane], t.offset[rows]

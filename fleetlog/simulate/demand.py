@@ -15,14 +15,14 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
 from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.motion.legs import speed_limits
-from fleetlog.simulate.doors import recorded_stands
+from fleetlog.simulate.doors import ALONG, recorded_stands
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.simulate.state import DRIVER, PLAN
 from fleetlog.simulate.tasks import Demand, Task, Visit
 from fleetlog.simulate.track import SWING, Track, build_track
 from fleetlog.simulate.ways import recorded_turns, with_turns
 from fleetlog.store.dataset import Dataset
-from fleetlog.store.trips import MIN_LOAD_CHANGE
+from fleetlog.store.trips import MIN_LOAD_CHANGE, STANDING_SPEED, runs
 
 JITTER = 120.0  # A drawn task comes this much earlier or later than the recorded one at most [s]
 DAY = 86_400.0
@@ -32,6 +32,8 @@ STEADY, CHANGES = 0.08, 0.15  # Below the first a truck keeps its speed, above t
 STRAIGHT, TURNS = 0.03, 0.1  # Less curved roads are straight; on more curved ones a truck turns [1/m]
 NEAR, FEW = 2.0, 10
 """A truck is slowest within so many seconds of where it goes over to the next edge; turns that are enough."""
+CLOSE, LATE = 2.0, 10.0
+"""Who stands at most twice so far behind another [m] stands for it; so long after it it may set off [s]."""
 SHARE = 0.6  # A little above the middle: rows once a second round off the highest values
 MOST = 16  # Drivers that are told apart; of more, neighbours in speed are one
 
@@ -214,14 +216,22 @@ class Itineraries:
         return self.visits[drawn]
 
 
-def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
-    """The truck as each vehicle of a recording was driven."""
+def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[tuple[Truck, ...], list[str]]:
+    """The truck as each vehicle of a recording was driven; and what the recording does not tell."""
     track = build_track(dataset.site.roads(), truck, dataset.site.traffic)
     found = []
     for vehicle in dataset.vehicles:
         rows = measured_channels(dataset.read(vehicle), dataset.meta)
         one = reconstruct(rows, dataset.site.network, truck).motion if len(rows) > 1 else None
         found.append(truck if one is None else driven(one, dataset.site, truck, track))
+    late = delays(dataset, truck.chassis.length)
+    every, notes = np.concatenate(late), list[str]()
+    for k, mine in enumerate(late if len(every) >= FEW else ()):
+        typical = float(np.median(mine if len(mine) >= FEW else every))
+        found[k] = found[k].with_value("drive.reaction", round(typical, 2))
+    if len(every) < FEW:
+        seen = count(len(every), "time")
+        notes.append(f"reaction times of drivers cannot be told: a truck set off right behind another {seen}")
     out = list(found)
     by_speed = np.argsort([t.drive.speed_factor for t in found], kind="stable")
     for group in np.array_split(by_speed, min(len(found), MOST)):
@@ -229,7 +239,31 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
         mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
         for k in group:
             out[k] = replace(truck, drive=replace(truck.drive, **mean))
-    return tuple(out)
+    return tuple(out), notes
+
+
+def delays(dataset: Dataset, length: float) -> list[Floats]:
+    """How long [s] each vehicle stood on after the one of a ``length`` [m] right before it had set off."""
+    found, out = [], [list[float]() for _ in dataset.vehicles]
+    for v, vehicle in enumerate(dataset.vehicles):
+        t = dataset.read(vehicle, columns=("x", "y", "heading", "speed"))
+        time, speed = t.time * 1e-6, t.floats("speed")
+        k = np.array([end for begin, end in runs(speed <= STANDING_SPEED) if end - begin > 1], np.int64)
+        k = k[k + 1 < len(t)]
+        # It had gathered its first speed as it gathers the next.
+        rate = np.maximum(speed[k + 1] - speed[k], 1e-3) / (time[k + 1] - time[k])
+        at = np.maximum(time[k] - speed[k] / rate, time[k - 1])
+        where = (t.floats(name)[k] for name in ("x", "y", "heading"))
+        found.append(np.column_stack([at, np.full(len(k), v), *where]))
+    table = np.concatenate(found)
+    table = table[np.argsort(table[:, 0])]
+    for at, v, x, y, heading in table:
+        earlier = table[slice(*np.searchsorted(table[:, 0], (at - LATE, at)))]
+        gap = (earlier[:, 2] - x + 1j * (earlier[:, 3] - y)) * np.exp(-1j * heading)
+        leads = (earlier[:, 1] != v) & (np.cos(earlier[:, 4] - heading) > np.cos(ALONG))
+        leads &= (np.abs(gap.imag) < 0.5 * length) & (np.abs(gap.real - length - CLOSE) < CLOSE)
+        out[int(v)] += (at - earlier[leads, 0][-1:]).tolist()
+    return [np.array(late) for late in out]
 
 
 def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:

@@ -188,6 +188,7 @@ class Run:
         rows = total // self.recorder.every * len(self.names)
         return Summary(
             len(self.names), total * self.settings.step, rows, total * len(self.names), d.count,
-            float(self.fleet.moved.sum()), self.meter.used, self.meter.charged, self.meter.soc.tolist(),
-            self.soc_lowest, self.soc_sum / total, self.tally.limits(self.waiting), d.watch.longest, notes,
+            float(self.fleet.moved.sum()), self.meter.used, self.meter.charged + d.swapped_wh,
+            self.meter.soc.tolist(), self.soc_lowest, self.soc_sum / total, self.tally.limits(self.waiting),
+            d.watch.longest, notes,
         )  # fmt: skip

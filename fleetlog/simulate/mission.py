@@ -44,14 +44,15 @@ class MissionSummary:
 
 def replay(
     dataset: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics | None = None,
-    progress: Progress | None = None, together: bool = False,
+    progress: Progress | None = None, together: bool = False, temperature: float = np.nan,
 ) -> MissionSummary:  # fmt: skip
     """Drive every recorded trip of ``dataset`` through the model, under the same vehicle and trip ids.
 
     Rows come at the recorded interval.  Loads, fork heights, charging and temperature are the recorded ones,
     shifted to the simulated arrival; where a trip takes longer than it took, the next one sets off later.
-    ``together`` the trucks keep to their lanes and wait for one another."""
-    replays = _replays(dataset, truck, writer, physics or Physics(truck), together)
+    ``together`` the trucks keep to their lanes and wait for one another.  ``temperature`` of the air [degC]
+    holds where the recording has none."""
+    replays = _replays(dataset, truck, writer, physics or Physics(truck), together, temperature)
     lost, past = None, None
     if together:
         replays = iter(found := list(replays))
@@ -72,7 +73,7 @@ def replay(
 
 
 def _replays(
-    data: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics, together: bool
+    data: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics, together: bool, temperature: float
 ) -> Iterator[VehicleReplay]:
     network = data.site.network
     lanes = np.zeros(1 if network is None else len(network))
@@ -83,7 +84,7 @@ def _replays(
         if len(recorded) > 1:
             found = reconstruct(measured_channels(recorded, data.meta), network, truck)
             own = physics.of(vehicle, recorded.time[0] * 1e-6)
-            yield VehicleReplay(recorded, found, data.site, own, writer, lanes)
+            yield VehicleReplay(recorded, found, data.site, own, writer, lanes, temperature)
 
 
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:

@@ -72,6 +72,8 @@ class Occupancy(Untangler):
         own = {k: self.kind == k for k in ("pick", "drop")}
         self.working = {k: np.flatnonzero(work & mine if mine.any() else work) for k, mine in own.items()}
         self.chargers: list[int] = np.flatnonzero(self.kind == "charge").tolist()
+        self.swap = np.array([b.place.swap for b in world.bays])  # (B,) seconds; NaN: batteries stay there
+        self.swapped_wh = 0.0
 
     def settle(self, wanted: Callable[[int], str | None]) -> None:
         """Put every truck into a bay of the place it wants, else to park, else anywhere but at a charger."""
@@ -149,25 +151,38 @@ class Occupancy(Untangler):
 
     # -- charging
 
+    def _suits(self, v: int, b: int) -> bool:
+        """Whether a charger is for truck ``v`` now: a battery is swapped when it has to be, not before."""
+        return bool(np.isnan(self.swap[b]) or self.soc[v] < self.policy.low)
+
     def _wants_charge(self, v: int) -> bool:
-        """Queue for a charger; False where the site has none."""
-        if self.chargers and v not in self.queue:
+        """Queue for a charger; False where the site has none for this truck."""
+        suits = any(self._suits(v, b) for b in self.chargers)
+        if suits and v not in self.queue:
             self.queue.append(v)
-        return bool(self.chargers)
+        return suits
 
     def _charging(self, now: float, tasks_wait: bool) -> None:
         """Who has enough leaves its charger, who is first in the queue takes it."""
         f = self.fleet
-        for v in np.flatnonzero(f.mode == Mode.CHARGING):
+        for v in np.flatnonzero(f.mode == Mode.CHARGING).tolist():
+            if now - self.jobs[v].since >= self.swap[self.home[v]]:
+                self.swapped_wh += (1.0 - self.soc[v]) * self.world.trucks[v].battery.capacity_wh
+                self.soc[v] = 1.0
             busy = tasks_wait and self.soc[v] >= max(self.policy.enough, self.policy.low)
             if self.soc[v] >= self.policy.full or busy:
                 f.mode[v] = Mode.PARKED
                 self.jobs[v].stage, self.jobs[v].since = "idle", now
         free = [b for b in self.chargers if self.owner[b] < 0]
-        while self.queue and free:
-            first = self.queue.popleft()
-            if self._idles(first) and self.soc[first] > 0.0:
-                self._go(first, free.pop(int(np.argmin(self._gaps(free, first)))), "charge")
+        for v in self.queue.copy() if free else ():
+            waits = self._idles(v) and self.soc[v] > 0.0
+            suits = [b for b in free if self._suits(v, b)]
+            if not waits or suits:
+                self.queue.remove(v)
+            if waits and suits:
+                nearest = suits[int(np.argmin(self._gaps(suits, v)))]
+                free.remove(nearest)
+                self._go(v, nearest, "charge")
         if self.queue and not free:
             self._send_away(self.queue[0], self.chargers)
         for u in self.queue:

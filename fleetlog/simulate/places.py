@@ -26,6 +26,8 @@ MOVED, MOTION = 1.5, 50  # Motion before and after a stop is that of so many met
 MIN_VISITS = 3  # A place was visited this often at least
 MIN_CHARGE = 0.005  # A state of charge that rises by more than this at a stand was charged
 KNOWN = 6.0  # A mined place this close to one of the site is that one [m]
+SWAPS = 3.0 / 3600.0  # A battery that gains more of its charge a second is swapped: chargers give two an hour
+FASTEST_SWAP = 30.0  # Nobody swaps a battery in less, and a charge that leaps then was corrected [s]
 MAJORITY = 0.3  # A place where loads (or charge) change in more than this share of the visits is one for that
 
 
@@ -167,14 +169,20 @@ def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
 
 
 def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Site:
-    """The site with room at each place, chargers apart, for as many trucks as were seen there at one time."""
-    most: dict[str, int] = {}
+    """The site with room at each place, chargers apart, for as many trucks as were seen there at one time.
+    Chargers of no stated power at which batteries gained charge as fast as that swap them, in that time."""
+    most, swap = dict[str, int](), dict[str, float]()
     for k, name in enumerate(names):
         mine = cluster == k
+        gains = mine & (stands.charged > MIN_CHARGE) & (stands.dwell >= FASTEST_SWAP)
+        if gains.any() and np.median(stands.charged[gains] / stands.dwell[gains]) > SWAPS:
+            swap[name] = float(np.median(stands.dwell[gains]))
         time = np.concatenate([stands.start[mine], stands.end[mine]])
         step = np.repeat([1, -1], mine.sum())
         # Who leaves as another comes makes room for it.
         together = np.cumsum(step[np.lexsort((step, time))])
         most[name] = max(most.get(name, 1), int(together.max(initial=1)))
     seen = {p.id: 0 if p.kind == "charge" else most.get(p.id, 1) for p in site.places}
-    return replace(site, places=tuple(replace(p, plugs=max(p.plugs, seen[p.id])) for p in site.places))
+    swap = {p.id: swap[p.id] if p.id in swap and np.isnan(p.power) else p.swap for p in site.places}
+    places = (replace(p, plugs=max(p.plugs, seen[p.id]), swap=swap[p.id]) for p in site.places)
+    return replace(site, places=tuple(places))

@@ -55,9 +55,11 @@ class Meter:
     def __init__(self, world: World, settings: Settings) -> None:
         self.physics, self.of, self.limit = world.physics, world.trucks.of, world.site.power_limit
         self.dt, self.temperature, self.battery = settings.step, settings.temperature, settings.battery
-        self.charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
+        charges = ((b.place, b.place.kind == "charge") for b in world.bays)
+        self.charger = np.array([(p.power if np.isnan(p.swap) else 0.0) if c else np.nan for p, c in charges])
         self.soc = np.full(len(self.of), settings.soc)
         self.share = 1.0  # Of its power that each charger gives now
+        self.moved = np.full(len(self.of), -1e9)  # (V,) when each truck last moved [s]
         self.used = self.charged = 0.0
 
     def share_site_power(self, mode: Modes, bay: Index) -> None:
@@ -70,16 +72,21 @@ class Meter:
         """Power and charge of ``which`` trucks, of one kind, from step ``step0``; ``bay`` (V,) of each."""
         trucks, steps = log.piece.shape
         n, first, physics = trucks * steps, which.start, self.physics[self.of[which.start]]
+        time, speed = (step0 + np.arange(steps)) * self.dt, np.maximum(log.v + 0.5 * log.a * self.dt, 0.0)
         motion = Motion(
-            time=np.tile((step0 + np.arange(steps)) * self.dt, trucks), dt=np.full(n, self.dt),
-            speed=np.maximum(log.v + 0.5 * log.a * self.dt, 0.0).ravel(), acceleration=log.a.ravel(),
-            payload=log.load.ravel(), lift_speed=log.lift.ravel(), fork_height=log.height.ravel(),
-            ambient_temperature=np.full(n, self.temperature), soc=np.repeat(self.soc[which], steps),
-            vehicle=np.repeat(np.arange(first, first + trucks), steps),
+            time=np.tile(time, trucks), dt=np.full(n, self.dt), speed=speed.ravel(),
+            acceleration=log.a.ravel(), payload=log.load.ravel(), lift_speed=log.lift.ravel(),
+            fork_height=log.height.ravel(), ambient_temperature=np.full(n, self.temperature),
+            soc=np.repeat(self.soc[which], steps), vehicle=np.repeat(np.arange(first, first + trucks), steps),
             trip=log.trip.ravel().astype(np.int64), power=np.zeros(n),
             **{name: place[name].ravel() for name in place.keys() - {"z", "lateral_offset"}},
         )  # fmt: skip
-        power = battery_power(motion, physics).reshape(trucks, steps)
+        if physics.values:
+            # Terms may look back: before its first moment each truck has that in which it last moved.
+            motion = motion[np.repeat(np.arange(n), np.where(np.arange(n) % steps, 1, 2))]
+            motion.time[:: steps + 1], motion.speed[:: steps + 1] = self.moved[which], 1.0
+            self.moved[which] = np.where(speed > 0.0, time, self.moved[which, None]).max(axis=1)
+        power = battery_power(motion, physics).reshape(trucks, -1)[:, -steps:]
         charging = log.mode == Mode.CHARGING
         if charging.any():
             power = power - np.where(charging, self.share * self._charge_power(bay, which)[:, None], 0.0)

@@ -49,9 +49,10 @@ class VehicleReplay:
 
     def __init__(
         self, recorded: Trajectory, found: Reconstruction, site: Site, physics: Physics,
-        writer: DatasetWriter, lanes: Floats,
+        writer: DatasetWriter, lanes: Floats, temperature: float = np.nan,
     ) -> None:  # fmt: skip
         self.recorded, self.site, self.physics, self.writer = recorded, site, physics, writer
+        self.temperature = temperature  # Where the log has none [degC]
         self.lanes = lanes  # (E,) metres that trucks keep to the left of the middle of their roads
         self.energy = found.rows(np.nan_to_num(found.motion.power) * found.motion.dt)
         self.legs: dict[int, list[Leg]] = {}
@@ -171,7 +172,7 @@ class VehicleReplay:
             at = self.place.at(s)
         return at.replaced(
             time=time, dt=np.full(len(time), dt), speed=v, acceleration=a, soc=np.full(len(time), self.soc),
-            ambient_temperature=self._along("ambient_temperature", time),
+            ambient_temperature=np.nan_to_num(self._along("ambient_temperature", time), nan=self.temperature),
             **self._doing(trip, time, dt, leave, arrival),
         )  # fmt: skip
 
@@ -205,7 +206,7 @@ class VehicleReplay:
             "soc": soc, **own,
         })  # fmt: skip
         columns["trip_id"] = np.full(len(rows), trip.number, np.int64)
-        if np.isfinite(at.ambient_temperature).any():
+        if self.recorded.has("ambient_temperature"):
             columns["ambient_temperature"] = np.round(at.ambient_temperature, 2)
         if self.site.network is not None and (at.edge >= 0).any():
             used, names = np.unique(at.edge[at.edge >= 0]), self.site.network.edge_ids

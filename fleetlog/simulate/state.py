@@ -21,11 +21,12 @@ STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
 NOT_ZERO: dict[str, float] = {
     "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,
     "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf,
-    "hand_start": -np.inf, "until": np.inf, "attention": 1,
+    "hand_start": -np.inf, "until": -np.inf, "attention": 1, "ready": -np.inf, "stood": -1,
 }  # fmt: skip
 """What trucks that are nowhere yet, and empty roads, begin with; all else with 0."""
 DRIVER = {
     "speed_factor": 1.0, "max_acceleration": 1.0, "max_deceleration": 1.0, "max_lateral_acceleration": 1.0,
+    "reaction": 0.0,
 }  # fmt: skip
 """What a driver asks of a truck; power follows from the motion, whoever drives."""
 
@@ -47,6 +48,9 @@ class Roads(NamedTuple):
     cap: Floats
     """(2 K, S) highest speed of truck k without (row 2 k) and with a load (2 k + 1), braking ahead of every
     bend included [m/s]."""
+    wait_first: Ints  # (K E + 1,) stops by term ``waiting``: those of truck k on lane e from k E + e on
+    wait_at: Floats  # Where [m], in order
+    wait_for: Floats  # For how long [s]
     walk_at: Floats  # (E,) where trucks stop when people cross the lane [m]; inf: nobody does
     run_in: Floats  # (E,) metres in which any truck that comes onto a lane can stop
     clear: Floats
@@ -76,6 +80,7 @@ class Limits(NamedTuple):
     up: Floats
     down: Floats
     plan: Floats  # Braking that a driver plans with; a little less than he has [m/s2]
+    reaction: Floats
     power: Floats
     rolling: Floats
     mass: Floats
@@ -110,7 +115,7 @@ class Fleet(NamedTuple):
     hand_times: Floats
     hand_before: Floats
     hand_after: Floats
-    until: Floats
+    until: Floats  # When a truck is done with its work, or with waiting on the road as the term says [s]
     attention: Mask
     left: Index
     left_by: Floats
@@ -130,6 +135,8 @@ class Fleet(NamedTuple):
     round: Ints
     why: Modes  # Why a truck waits: 0 does not, 1 others are in the way, 2 no room behind the junction
     moved: Floats
+    ready: Floats  # Before this time the first of a queue has not seen that it may set off [s]
+    stood: Floats  # Up to here on its lane a truck has stood where it waits [m]
     line: Index  # Those who ask for a reservation, longest wait first
 
 
@@ -179,9 +186,9 @@ def limits_of(kinds: Sequence[Truck], of: Index, length: float, gap: float) -> L
 
     down, creep = each("drive.max_deceleration"), np.array([creep_speed(truck) for truck in kinds])[of]
     return Limits(
-        length, gap, 2 * of, each("drive.max_acceleration"), down, PLAN * down, each("drive.max_power"),
-        each("resistance.rolling"), each("chassis.mass"), creep, each("lift.raise_speed"),
-        each("lift.lower_speed"), 15.0,
+        length, gap, 2 * of, each("drive.max_acceleration"), down, PLAN * down, each("drive.reaction"),
+        each("drive.max_power"), each("resistance.rolling"), each("chassis.mass"), creep,
+        each("lift.raise_speed"), each("lift.lower_speed"), 15.0,
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ class Watch:
         """(V,) seconds for which trucks have wanted to move and have not, 0 where they do not want to."""
         f = self.fleet
         busy = np.isin(f.mode, (Mode.WANTS_OUT, Mode.LEAVING, Mode.DRIVING, Mode.AT_BAY, Mode.ENTERING))
-        self._since[(f.moved > self._moved + 0.05) | ~busy] = now
+        self._since[(f.moved > self._moved + 0.05) | ~busy | (now < f.until)] = now
         self._moved[:] = f.moved
         out = now - self._since
         self.longest = max(self.longest, float(out.max(initial=0.0)))

@@ -12,14 +12,15 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site, Zone
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import listed
+from fleetlog.physics.motion.legs import standing_still
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
 from fleetlog.simulate import junctions as between
-from fleetlog.simulate.bays import BayMaker, lay_out
-from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
+from fleetlog.simulate.bays import BayMaker, lay_out, offsets
+from fleetlog.simulate.doors import Bay, Door, Stand, all_doors, span
 from fleetlog.simulate.junctions import Junctions, find_junctions, half_box
 from fleetlog.simulate.state import PLAN, Roads, Trucks
-from fleetlog.simulate.track import Track, assemble, build_track
+from fleetlog.simulate.track import SPACING, Track, assemble, build_track
 from fleetlog.simulate.ways import Ways, with_loops
 
 SHORT = 0.5  # Trucks stop this far before a zone that people cross [m]
@@ -139,6 +140,21 @@ def caps(site: Site, track: Track, physics: Physics) -> Floats:
     return out
 
 
+def stops_to_wait(track: Track, j: Junctions, physics: list[Physics]) -> tuple[Ints, Floats, Floats]:
+    """(K E + 1,) first stops of trucks k on lanes e, where they are [m] and how long each lasts [s]: those of
+    the term ``waiting``; of one in a junction, where the lane has room beside it."""
+    network, stops = track.network, list[tuple[int, float, float]]()
+    for k, p in enumerate(physics):
+        for e in np.unique(p.fields["waiting"].edge).tolist() if "waiting" in p.fields else ():
+            along = np.linspace(0.0, network.length[e], int(network.length[e] / SPACING) + 2)
+            path = Motion.of(len(along), edge=np.full(len(along), e), edge_offset=along)
+            node, seconds = standing_still(path, p)
+            at = np.clip(np.interp(along[node], *offsets(track, e)[::-1]), *span(track, j, e)).tolist()
+            stops += [(k * len(network) + e, *stop) for stop in zip(at, seconds.tolist(), strict=True)]
+    row, at, seconds = np.array(sorted(stops), dtype=np.float64).reshape(-1, 3).T.copy()
+    return np.searchsorted(row, np.arange(len(physics) * len(network) + 1)).astype(np.int64), at, seconds
+
+
 def run_in(cap: Floats, track: Track, physics: list[Physics]) -> Floats:
     """(E,) metres in which any truck that comes onto a lane can stop."""
     enter = cap[:, track.first[: len(track.network)]].reshape(len(physics), 2, -1).min(axis=1)
@@ -165,8 +181,9 @@ def _roads(
     _, off = _over(by_door["door_lane"], track, ground, met)
     onto, over = _over(by_door["door_crosses"], track, ground, met)
     return Roads(
-        track.first, track.spacing, track.length, track.slope, cap, walks.min(axis=0, initial=np.inf),
-        run_in(cap, track, physics), j.clear, j.stop, j.capacity, track.swings, first, conflicts, **by_door,
+        track.first, track.spacing, track.length, track.slope, cap, *stops_to_wait(track, j, physics),
+        walks.min(axis=0, initial=np.inf), run_in(cap, track, physics), j.clear, j.stop, j.capacity,
+        track.swings, first, conflicts, **by_door,
         door_off=off, door_onto=onto, door_over=over,
     )  # fmt: skip
 

@@ -132,8 +132,9 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     if like is not None:
         # Another fleet than the recorded one shares the tasks in its own way.
         same = vehicles == recorded and not _varies(asked)
-        driven = recorded_drivers(like, truck) if same else truck
+        driven, untold = recorded_drivers(like, truck) if same else (truck, [])
         site, demand, notes = demands.like(like, site, truck, vehicles, start, asked.duration, seed, same)
+        notes += untold
     if asked.tasks is not None:
         demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
@@ -147,7 +148,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
 
 def _mission(asked: Asked, writer: DatasetWriter) -> Told:
     writer.site = asked.like.site
-    summary = replay(asked.like, asked.truck, writer, asked.physics, _told, asked.together)
+    summary = replay(asked.like, asked.truck, writer, asked.physics, _told, asked.together, asked.temperature)
     lines = [
         f"{count(summary.vehicles, 'truck')} drove {count(summary.trips, 'trip')} again: "
         f"{count(summary.rows, 'row')}.",

@@ -87,7 +87,7 @@ def simulate(
     vary : compare: plugs=2..6, close=ROAD,ROAD, policy=..., or room at a place: dock-1=1..3.
     runs : number of seeds of an experiment, from --seed on.
     chemistry : chemistry of the battery; constant: constant voltage.
-    temperature : temperature of the air [degC].
+    temperature : temperature of the air; with --same-mission where the recording has none [degC].
     output : folder of the dataset.
 
     Examples

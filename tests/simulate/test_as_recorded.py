@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from laws import overlaps
 from scipy.stats import ks_2samp
-from simulated_sites import PLACES, TRUCK, grid
+from simulated_sites import PLACES, TRUCK, crossing, grid
 
-from fleetlog.simulate.demand import Itineraries, at_places, like, recorded_drivers
+from fleetlog.simulate.demand import Itineraries, at_places, delays, like, recorded_drivers
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.tasks import Visit
 from fleetlog.simulate.ways import recorded_turns, with_turns
@@ -94,11 +95,55 @@ def test_trips_are_like_the_recorded_ones_in_distribution(recording, tmp_path):
 def test_a_driver_is_found_again(simulated):
     slow = replace(TRUCK, drive=replace(TRUCK.drive, speed_factor=0.8, max_acceleration=0.4))
     fleet = simulated(grid(3, 3, 60.0, places=PLACES), 2, 2400.0, truck=(TRUCK, slow), interval=1.0)
-    found = recorded_drivers(fleet.dataset, TRUCK)
+    found, notes = recorded_drivers(fleet.dataset, TRUCK)
+    assert len(notes) == 1 and "reaction times of drivers" in notes[0], "two trucks hardly ever queue"
     for truck, told in zip((TRUCK, slow), found, strict=True):
         assert told.drive.speed_factor == pytest.approx(truck.drive.speed_factor, abs=0.03)
         assert told.drive.max_acceleration == pytest.approx(truck.drive.max_acceleration, rel=0.25)
     assert found[1].drive.max_acceleration < 0.8 * found[0].drive.max_acceleration
+
+
+def quick(reaction):
+    return replace(TRUCK, drive=replace(TRUCK.drive, reaction=reaction))
+
+
+def test_reaction_times_are_found_again(simulated):
+    """Two kinds of drivers queue before a crossing."""
+    fleet = simulated(crossing(120.0), 40, 2700.0, truck=(quick(0.5), quick(2.0)), interval=1.0, seed=1)
+    late = delays(fleet.dataset, TRUCK.chassis.length)
+    assert all(len(mine) >= 10 for mine in late)
+    for kind, reaction in enumerate((0.5, 2.0)):
+        each = [np.median(mine) for mine in late[kind::2]]
+        assert np.median(each) == pytest.approx(reaction, abs=0.25)
+    found, notes = recorded_drivers(fleet.dataset, TRUCK)
+    told = [t.drive.reaction for t in found]
+    # Sixteen kinds of drivers are told apart, so some of these are means of both.
+    assert not notes and np.mean(told) == pytest.approx(1.25, abs=0.4) and max(told) - min(told) > 0.5
+
+
+def test_drivers_who_react_late_keep_farther_behind_and_let_fewer_through(simulated):
+    done, gaps = [], []
+    for reaction in (0.0, 2.0):
+        fleet = simulated(crossing(120.0), 40, 1800.0, truck=quick(reaction), interval=0.1, seed=1)
+        assert not overlaps(fleet) and fleet.summary.count.deadlocks == 0
+        done.append(fleet.summary.count.tasks_done)
+        gaps.append(headway(fleet))
+    assert done[1] < 0.97 * done[0]
+    # Behind who drives as fast, the time between the two grows by the reaction time.
+    assert gaps[1] - gaps[0] == pytest.approx(2.0, abs=0.4)
+
+
+def headway(fleet):
+    """Seconds by which the closest tenth of trucks at full speed on one road follow another, bumper to bumper."""
+    x, y, h, v = (fleet.array(name) for name in ("x", "y", "heading", "speed"))
+    found = []
+    for a in range(len(x)):
+        for b in range(len(x)):
+            ahead = (x[b] - x[a]) * np.cos(h[a]) + (y[b] - y[a]) * np.sin(h[a])
+            aside = np.abs((y[b] - y[a]) * np.cos(h[a]) - (x[b] - x[a]) * np.sin(h[a]))
+            steady = (v[a] > 2.9) & (v[b] > 2.9) & (np.cos(h[a] - h[b]) > 0.99) & (aside < 0.5)
+            found.append((ahead / np.maximum(v[a], 0.1))[steady & (ahead > 0.0) & (ahead < 25.0)])
+    return np.quantile(np.concatenate(found), 0.1)
 
 
 def test_turning_round_is_allowed_where_it_was_recorded(recording):

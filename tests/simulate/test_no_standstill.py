@@ -1,5 +1,7 @@
 """Nobody waits for ever: few bays, a fleet as large as they hold, and work for an hour."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from laws import corners, overlap
@@ -135,6 +137,37 @@ def test_who_crosses_a_lane_asks_for_both_lanes_or_for_neither():
     fleet.asks[lanes[1]] = -1
     ask.py_func(roads, fleet, 0, x, True)
     assert fleet.asks[lanes].tolist() == [0, 0]
+
+
+def heeded(fleet, roads, v, lane):
+    return lanes.heeded.py_func(roads, fleet, v, lane)
+
+
+def test_who_stands_in_the_way_of_an_older_one_does_not_stop_for_a_younger():
+    """Trucks 0 and 1 wait before closed lanes; 2 stands before the door of 0, and wants onto the lane of 1."""
+    world = build_world(grid(3, 3, 60.0), TRUCK, 5)
+    roads = world.roads
+    fleet = new_fleet(3, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
+    here, there = np.flatnonzero(roads.capacity > 2)[:2].tolist()
+    fleet.asks[[here, there]], fleet.ask_at[[here, there]] = (0, 1), 20.0
+    fleet.mode[2], fleet.piece[2], fleet.s[2] = Mode.DRIVING, here, 25.0
+    fleet.waits[:2] = 10.0, 20.0
+    assert heeded(fleet, roads, 2, there) == -1, "0 has waited for longer"
+    fleet.waits[:2] = 20.0, 10.0
+    assert heeded(fleet, roads, 2, there) == 1
+    fleet.waits[:2], fleet.s[2] = (10.0, 20.0), 15.0
+    assert heeded(fleet, roads, 2, there) == 1, "it does not stand in the way of 0"
+    assert heeded(fleet, roads, 2, here) == 0 and heeded(fleet, roads, 0, here) == -1
+
+
+@pytest.mark.parametrize("trucks, seed, sharp, seconds", [(180, 2, False, 400.0), (240, 3, True, 1200.0)])
+def test_trucks_that_ask_one_another_to_stop_form_no_ring(simulated, trucks, seed, sharp, seconds):
+    """Both fleets stood in a ring on the way."""
+    quick = dict(max_acceleration=3.0, max_deceleration=3.0, max_lateral_acceleration=6.0, max_power=2e5)
+    truck = replace(TRUCK, drive=replace(TRUCK.drive, **quick)) if sharp else TRUCK
+    given = dict(seed=seed, truck=truck, interval=10.0, soc=1.0, room=340, demand=Demand(pause=1e-6))
+    sim = simulated(grid(4, 4, 60.0), trucks, seconds, **given)
+    assert sim.summary.count.deadlocks == 0 and sim.summary.longest_wait_s < 120.0
 
 
 def test_lanes_beside_a_bay_are_kept_as_long_as_the_footprint_is_over_them():

@@ -12,6 +12,7 @@ from fleetlog.core.site import Zone, site_from_dict, site_to_dict
 from fleetlog.core.truck import load_truck
 from fleetlog.errors import DataError, SiteError, TruckError
 from fleetlog.roads.load import load_site
+from fleetlog.simulate.demand import like
 from fleetlog.simulate.state import Trucks
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store.events import read_table
@@ -111,12 +112,59 @@ def test_chargers_together_keep_to_the_limit_of_the_site(simulated):
     assert total.max() > 8500.0, "the limit is used"
 
 
+SWAPPED = place(1, "charge", 45, 3, swap=180.0)
+SMALL_BATTERY = replace(TRUCK, battery=replace(TRUCK.battery, capacity_wh=3000.0))
+
+
+def test_a_battery_is_swapped_in_its_time_and_only_when_it_has_to_be(simulated):
+    fleet = simulated(
+        grid(3, 3, places=(*PLACES, SWAPPED)), 3, 3600.0, truck=SMALL_BATTERY, interval=1.0, soc=0.4
+    )
+    soc, power, speed = (fleet.array(name) for name in ("soc", "battery_power", "speed"))
+    done = read_table(fleet.dataset, "activities")
+    visits = done[done.activity == "charge"]
+    lasted = (visits.end - visits.start).dt.total_seconds()
+    whole = visits.end < done.end.max()
+    assert fleet.summary.count.charges == len(visits) >= 2 and whole.any()
+    assert lasted[whole].tolist() == pytest.approx([180.0] * int(whole.sum()), abs=1.0)
+    leaps = np.argwhere(np.diff(soc, axis=1) > 0.01)
+    # Nothing is charged between two leaps, each to a full battery, at rest and from below the policy's limit.
+    assert len(leaps) == int(whole.sum()) and (power[speed == 0.0] >= 0.0).all()
+    assert all(soc[v, k] < 0.3 < 0.99 < soc[v, k + 1] and speed[v, k] == 0.0 for v, k in leaps)
+    brought = sum(1.0 - soc[v, k] for v, k in leaps) * 3000.0
+    assert fleet.summary.charged_wh == pytest.approx(brought, rel=0.01)
+
+
+def test_opportunity_charging_is_for_chargers_and_not_for_swaps(simulated):
+    charger = place(2, "charge", 15, 57)
+    tasks = Demand([Task(None, "pick1", "drop1", 500.0, 60.0 * k) for k in range(3)], endless=False)
+    swapped, charged = (
+        simulated(grid(3, 3, places=(*PLACES, p)), 2, 1800.0, interval=1.0, soc=0.6, demand=tasks)
+        for p in (SWAPPED, charger)
+    )
+    assert swapped.summary.count.charges == 0 < charged.summary.count.charges
+
+
+def test_swaps_are_learned_from_a_recording(simulated):
+    fleet = simulated(
+        grid(3, 3, places=(*PLACES, SWAPPED)), 3, 7200.0, truck=SMALL_BATTERY, interval=1.0, soc=0.4
+    )
+    bare = replace(fleet.dataset.site, places=())
+    site, _, _ = like(fleet.dataset, bare, SMALL_BATTERY, 3, 0, 60.0, 0)
+    found = [p for p in site.places if p.kind == "charge"]
+    assert len(found) == 1 and found[0].swap == pytest.approx(180.0, abs=10.0)
+    assert np.hypot(found[0].x - 45.0, found[0].y - 3.0) < 8.0
+
+
 def test_operations_are_kept_with_a_site(tmp_path):
     zone = Zone("walk", np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]), closed_every=60.0, closed_for=8.0)
-    site = replace(grid(2, 2), zones=(zone,), breaks=((32400.0, 34200.0),), power_limit=40000.0)
+    site = replace(
+        grid(2, 2), zones=(zone,), breaks=((32400.0, 34200.0),), power_limit=40000.0, places=(SWAPPED,)
+    )
     write_site(site, tmp_path)
     for back in (load_site(tmp_path)[0], site_from_dict(site_to_dict(site))):
         assert back.breaks == site.breaks and back.power_limit == site.power_limit
+        assert back.places[0].swap == 180.0
         assert (back.zones[0].closed_every, back.zones[0].closed_for) == (60.0, 8.0)
     file = tmp_path / "site.toml"
     for wrong in (

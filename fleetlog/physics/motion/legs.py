@@ -175,15 +175,22 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
     path, rest, wait = leg.path.replaced(speed=limit), np.zeros(len(limit), bool), np.zeros(len(limit))
     for node, seconds in leg.stops.items():
         rest[node], wait[node] = True, seconds
-    if "waiting" in physics.fields and "waiting" not in physics.off:
-        # In the middle of every stretch with a waiting time.
-        stands = physics.fields["waiting"].along(path, 0.0)
-        first, end = np.flatnonzero(np.diff(stands > 0.0, prepend=False, append=False)).reshape(-1, 2).T
-        middle = (first + end - 1) // 2
-        rest[middle], wait[middle] = True, stands[middle]
+    at, waits = standing_still(path, physics)
+    rest[at], wait[at] = True, waits
     rest[[0, -1]] = True
     speed, time, _ = quickest(leg.distance, path, physics, rest, wait)
     return SpeedProfile(leg.distance, speed, time, wait)
+
+
+def standing_still(path: Motion, physics: Physics) -> tuple[Ints, Floats]:
+    """The nodes of a path where trucks stand by the term ``waiting``, in the middle of each stretch that has
+    a waiting time; and how long [s]."""
+    if "waiting" not in physics.fields or "waiting" in physics.off:
+        return np.zeros(0, np.int64), np.zeros(0)
+    stands = physics.fields["waiting"].along(path, 0.0)
+    first, end = np.flatnonzero(np.diff(stands > 0.0, prepend=False, append=False)).reshape(-1, 2).T
+    middle = (first + end - 1) // 2
+    return middle, stands[middle]
 
 
 def quickest(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fleetlog.compiling import inner
-from fleetlog.simulate.kernels.lanes import acquire, fills_ring, insert, is_free, is_safe_lane
+from fleetlog.simulate.kernels.lanes import acquire, fills_ring, insert, is_free, is_safe_lane, wait_ahead
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]
@@ -23,8 +23,11 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
     if comes_out and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
         return False
     if j == f.at[v]:
-        # Its junction or the ground of its bay is reserved already: it goes first.
-        return f.held_to[v] <= f.at[v] and not f.entry[v]
+        room, u = f.ask_at[lane] - r.clear[lane] - f.inbound[lane] * (x.length + x.gap), f.tail[lane]
+        while u != v:
+            room, u = room - x.length - x.gap, f.ahead[u]
+        # Those behind it would stand in the junction, or its own is reserved, or its bay: it goes first.
+        return room >= 0.0 and f.held_to[v] <= f.at[v] and not f.entry[v]
     return f.inbound[lane] == 0 or f.ask_at[lane] >= r.run_in[lane]
 
 
@@ -129,7 +132,7 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     if not free and acquire(r, f, v, 0, x, late) != 0:
         return 1
     take_spur(r, f, v)
-    f.s[v], f.piece[v] = r.door_at[d], lane
+    f.s[v], f.stood[v], f.piece[v] = r.door_at[d], r.door_at[d], lane
     insert(f, v, lane)
     f.on[lane] += 1
     f.mode[v] = Mode.LEAVING
@@ -167,13 +170,18 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
 
 
 @inner
-def comes_near(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether a truck comes near its door, or first near the end of its lane, without a reservation."""
+def comes_near(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> bool:
+    """Whether a truck comes near its door, or first near the end of its lane, without a reservation; not
+    before it has stood where it has to."""
+    if now < f.until[v]:
+        return False
     look = f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v]
     p, a = f.piece[v], f.ahead[v]
     if f.at[v] == f.last[v]:
         return not f.entry[v] and r.door_at[f.door[v]] - f.s[v] < look + 1.0
     if f.held_to[v] >= f.at[v] or not is_safe_lane(r, p) or (a >= 0 and f.held_to[a] <= f.at[a]):
+        return False
+    if wait_ahead(r, f, x, v, p) >= 0:
         return False
     return r.stop[p] - f.s[v] < look + 3.0
 
@@ -185,7 +193,7 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
     n = 0
     for v in range(len(f.mode)):
         m = f.mode[v]
-        if m == Mode.WANTS_OUT or m == Mode.AT_BAY or (m == Mode.DRIVING and comes_near(r, f, v, x)):
+        if m == Mode.WANTS_OUT or m == Mode.AT_BAY or (m == Mode.DRIVING and comes_near(r, f, v, x, now)):
             if f.waits[v] == np.inf:
                 f.waits[v] = now
             # Into the line behind all who have waited as long.

@@ -23,6 +23,16 @@ def is_safe_lane(r: Roads, piece: int) -> bool:
 
 
 @inner
+def wait_ahead(r: Roads, f: Fleet, x: Limits, v: int, lane: int) -> int:
+    """Number of the next stop of truck ``v`` on a lane where it has to wait, -1: none."""
+    row, past = x.cap[v] // 2 * len(r.clear) + lane, f.stood[v] if lane == f.piece[v] else -1.0
+    for k in range(r.wait_first[row], r.wait_first[row + 1]):
+        if r.wait_at[k] > past:
+            return k
+    return -1
+
+
+@inner
 def drop(f: Fleet, v: int, piece: int) -> None:
     """Leave a piece's queue."""
     if f.tail[piece] == v:
@@ -125,13 +135,25 @@ def fills_ring(r: Roads, f: Fleet, v: int, high: int) -> bool:
 
 
 @inner
+def heeded(r: Roads, f: Fleet, v: int, lane: int) -> int:
+    """The truck for which truck ``v`` stops on a lane, -1: none. Who stands in the way of one that has waited
+    for longer goes on: two that ask would wait for each other for ever."""
+    asker, p = f.asks[lane], f.piece[v]
+    if asker < 0 or asker == v:
+        return -1
+    if 0 <= p < len(r.clear) and f.asks[p] >= 0 and f.s[v] > f.ask_at[p] + NEAR:
+        return -1 if f.waits[f.asks[p]] <= f.waits[asker] else asker
+    return asker
+
+
+@inner
 def fits(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     """Whether one more, behind all that come, would clear the junction though those on the lane brake now."""
-    last, u, asker, crosses = r.stop[lane], f.tail[lane], f.asks[lane], f.crossed[lane]
+    last, u, crosses = r.stop[lane], f.tail[lane], f.crossed[lane]
     if u >= 0:
         pace = f.v[u] if f.mode[u] == Mode.DRIVING else 0.0
         last = min(last, f.s[u] + pace * pace / (2.0 * x.down[u]) - x.length - x.gap)
-    if asker >= 0 and asker != v:
+    if heeded(r, f, v, lane) >= 0:
         last = min(last, f.ask_at[lane])
     if crosses >= 0:
         last = min(last, r.door_low[f.door[crosses]])
@@ -142,8 +164,8 @@ def fits(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
 def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     """Whether one more can stand on a lane; room is kept for one who asked to come out of a bay."""
     room = r.capacity[lane]
-    asker = f.asks[lane]
-    if asker >= 0 and asker != v:
+    asker = heeded(r, f, v, lane)
+    if asker >= 0:
         if r.door_lane[f.door[asker]] == lane:
             room -= 1
         # Who could not stop there any more would go first, and after it the next one.
@@ -222,7 +244,7 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
             f.on[q] += 1
             if f.held_to[v] == f.at[v]:
                 (f.inbound if is_safe_lane(r, q) else f.bound)[q] -= 1
-        f.ahead[v], f.tail[q], f.piece[v] = f.tail[q], v, q
+        f.ahead[v], f.tail[q], f.piece[v], f.stood[v] = f.tail[q], v, q, -1.0
 
 
 @inner
@@ -248,6 +270,16 @@ def reach_door(r: Roads, f: Fleet, v: int) -> None:
     else:
         return
     f.s[v], f.waits[v] = r.door_at[f.door[v]], np.inf
+
+
+@inner
+def stand(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> None:
+    """A truck on the road may have come to where it has to stand, or to its door."""
+    waits = wait_ahead(r, f, x, v, f.piece[v]) if f.piece[v] < len(r.clear) else -1
+    if waits >= 0 and f.v[v] == 0.0 and f.s[v] > r.wait_at[waits] - NEAR:
+        f.stood[v], f.until[v] = r.wait_at[waits], now + r.wait_for[waits]
+    elif f.at[v] == f.last[v]:
+        reach_door(r, f, v)
 
 
 @inner

@@ -5,11 +5,12 @@ import numpy as np
 from fleetlog.compiling import inner, kernel
 from fleetlog.physics.formulas import LADEN
 from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
-from fleetlog.simulate.kernels.lanes import cross, end_spur, is_safe_lane, let_go, reach_door, safe
+from fleetlog.simulate.kernels.lanes import cross, end_spur, is_safe_lane, let_go, safe, stand, wait_ahead
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
 GRAVITY = 9.81
 ROUND = 5  # Steps between two rounds of reservations
+SLOWEST = 1e-3  # Slower than this a truck stands [m/s]
 
 
 @inner
@@ -24,15 +25,17 @@ def cap_at(r: Roads, piece: int, s: float, row: int) -> float:
 
 @inner
 def stop_ahead(r: Roads, f: Fleet, v: int, x: Limits, j: int, u: int, off: float) -> float:
-    """Metres to where others make a truck stop on the lane at route position ``j``, ``off`` m ahead, or inf;
-    ``u`` is the truck before it on that lane, -1: nobody."""
+    """Metres to where others, or the term ``waiting``, make a truck stop on the lane at route position ``j``,
+    ``off`` m ahead, or inf; ``u`` is the truck before it on that lane, -1: nobody."""
     p, room = f.route[v, j], np.inf
-    o = f.last_out[p]
+    o, waits = f.last_out[p], wait_ahead(r, f, x, v, p)
+    if waits >= 0:
+        room = max(off + r.wait_at[waits], 0.0)
     if u < 0 and o >= 0 and o != v and f.left[o] == p:
         # Who has left the lane may reach into it still.
         past = max(0.0, f.left_by[o] - f.left_hold[o])
         if past < x.length + x.gap:
-            room = off + r.length[p] + past - x.length - x.gap
+            room = min(room, off + r.length[p] + past - x.length - x.gap)
     # Who stands at a mark by a hair stays there; who cannot stop before it goes on.
     too_late = max(f.v[v] * f.v[v] / (2.0 * x.down[v]), 0.01) - 0.2
     asker, crosses = f.asks[p], f.crossed[p]
@@ -63,7 +66,9 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
             pace = f.v[u] if f.mode[u] == Mode.DRIVING or f.mode[u] == Mode.EMPTY else 0.0
             # One who brakes harder stops sooner.
             pace *= min(1.0, np.sqrt(plan / x.plan[u]))
-            limit = min(limit, safe(speed, off + f.s[u] - x.length - x.gap, pace, plan, dt))
+            # Behind who drives a driver keeps the way that he reacts on.
+            gap = x.length + x.gap + pace * x.reaction[v]
+            limit = min(limit, safe(speed, off + f.s[u] - gap, pace, plan, dt))
         if p < len(r.clear):
             room = stop_ahead(r, f, v, x, j, u, off)
             if room < np.inf:
@@ -95,18 +100,23 @@ def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
 
 
 @inner
-def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
+def next_speed(r: Roads, f: Fleet, v: int, x: Limits, now: float, dt: float) -> float:
     """Speed at the end of the step."""
     m, speed = f.mode[v], f.v[v]
     if m == Mode.DRIVING:
         new = min(speed + pull(r, f, v, x) * dt, wanted_speed(r, f, v, x, dt))
+        if speed == 0.0:
+            if new <= SLOWEST and f.ahead[v] < 0:
+                f.ready[v] = max(f.ready[v], now + x.reaction[v])
+            elif now < max(f.ready[v], f.until[v]):
+                new = 0.0
     elif m == Mode.ENTERING or m == Mode.LEAVING:
         rest = r.door_length[f.door[v]] - f.spur[v] if m == Mode.ENTERING else f.spur[v]
         new = min(min(speed + x.up[v] * dt, x.creep[v]), safe(speed, rest, 0.0, x.plan[v], dt))
     else:
         new = 0.0
     new = max(new, speed - x.down[v] * dt)
-    return new if new > 1e-3 else 0.0
+    return new if new > SLOWEST else 0.0
 
 
 @inner
@@ -159,7 +169,7 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
             if m == Mode.HANDLING and now >= f.until[v] - 1e-9:
                 f.mode[v] = Mode.PARKED
                 f.attention[v] = True
-            f.a[v] = (next_speed(r, f, v, x, dt) - f.v[v]) / dt
+            f.a[v] = (next_speed(r, f, v, x, now, dt) - f.v[v]) / dt
         for v in range(trucks):
             log.height[v, column + k], log.lift[v, column + k] = 0.0, 0.0
             m = f.mode[v]
@@ -167,8 +177,8 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
                 handling(f, x, log, v, column + k, now, dt)
             write(r, f, log, v, column + k)
             if f.v[v] == 0.0 and f.a[v] == 0.0:
-                if m == Mode.DRIVING and f.at[v] == f.last[v]:
-                    reach_door(r, f, v)
+                if m == Mode.DRIVING:
+                    stand(r, f, v, x, now)
                 elif m == Mode.ENTERING or m == Mode.LEAVING:
                     end_spur(r, f, v)
                 continue
@@ -188,4 +198,4 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
                 if f.held_to[v] >= f.held_from[v]:
                     let_go(r, f, v, x)
                 if m == Mode.DRIVING and f.at[v] == f.last[v]:
-                    reach_door(r, f, v)
+                    stand(r, f, v, x, now)
