@@ -135,9 +135,8 @@ def _reduced(rows: dict[str, Floats], starts: Indices) -> Columns:
 
 
 def _cells(
-    starts: Indices, power: Floats, dt: Floats, soc: Floats, temperature: Floats,
-    battery: BatteryModel,
-) -> Columns:  # fmt: skip
+    starts: Indices, power: Floats, dt: Floats, soc: Floats, temperature: Floats, battery: BatteryModel
+) -> Columns:
     """Discharge the battery segment by segment, from the charge in the log, or from full if there is none."""
     rows = []
     for a, b in itertools.pairwise([*starts.tolist(), len(power)]):

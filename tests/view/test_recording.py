@@ -16,8 +16,10 @@ from fleetlog import engines
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset, DatasetWriter
-from fleetlog.view.fleet import heights
+from fleetlog.view.fleet import Fleet, heights, log_day
 from fleetlog.view.recording import write_recording
+from fleetlog.view.scene import ways_of
+from fleetlog.view.stream import Stream, Tape
 
 
 def at(trajectory: Trajectory, column: str, time: np.ndarray) -> np.ndarray:
@@ -260,3 +262,15 @@ def test_workers_draw_what_one_process_draws(tmp_path: Path, replay: tuple[Path,
     ):  # fmt: skip
         (time, values), (same_time, same) = (rrd.column(file, path, name) for file in (out, alone))
         assert np.array_equal(time, same_time) and str(values) == str(same)
+
+
+def test_a_vehicle_day_without_rows_is_drawn_as_nothing(replay: tuple[Path, Path]) -> None:
+    dataset = Dataset(replay[0])
+    fleet = Fleet(dataset, 2.0)
+    lane, date = fleet.lanes(None)[0], dataset.dates[0]
+    sent, nothing = Tape(), Tape()
+    day = fleet.day(lane.vehicle, date)
+    assert log_day(Stream(sent), lane, day, dataset.site, True) and len(day) and sent
+    assert not log_day(Stream(nothing), lane, day[:0], dataset.site, True)
+    assert not nothing and not ways_of(day[:0])
+    assert not len(fleet.day(lane.vehicle, "1999-01-01"))
