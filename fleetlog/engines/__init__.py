@@ -144,22 +144,23 @@ class Cluster(Engine):
         if beside:
             yield from super()._done(work, jobs, name, beside)
             return
-        from distributed import KilledWorker
-
         futures: list[Any] = []
         try:
             for turn, job in enumerate(jobs):
                 more = jobs[turn + len(futures) : turn + AHEAD * self.workers]
                 futures += [self.client.submit(attempt, work, later, name, pure=False) for later in more]
-                try:
-                    outcome = futures[0].result()
-                except KilledWorker as error:
-                    what, do = f"its workers died ({error})", "give the workers more memory"
-                    outcome = DataError(what, where=name(job), do=do)
-                yield outcome
+                yield self._outcome(futures[0], name(job))
                 del futures[0]
         finally:
             self.client.cancel(futures)
+
+    def _outcome(self, future: Any, name: str) -> Any:
+        from distributed import KilledWorker
+
+        try:
+            return future.result()
+        except KilledWorker as error:
+            return DataError(f"its workers died ({error})", where=name, do="give the workers more memory")
 
     def close(self) -> None:
         """Leave the cluster as it was."""

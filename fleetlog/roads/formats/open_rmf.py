@@ -79,8 +79,7 @@ def _earth(top: dict[str, Any], edges: list[Edge]) -> Inverse | None:
     name = top.get("crs_name") or _options([top.get("parameters")]).get("generate_crs")
     if not name or not edges:
         return None
-    shift = _rows({"offset": [top.get("offset", [0.0, 0.0])]}, "offset", 2)
-    offset = complex(_plane(shift, False)[0])
+    offset = complex(_plane(_rows({"offset": [top.get("offset", [0.0, 0.0])]}, "offset", 2), False)[0])
     try:
         crs(name)
     except Wrong as error:
