@@ -225,26 +225,23 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[tuple[Truck, ...],
         one = reconstruct(rows, dataset.site.network, truck).motion if len(rows) > 1 else None
         found.append(truck if one is None else driven(one, dataset.site, truck, track))
     late = delays(dataset, truck.chassis.length)
-    every, notes = np.concatenate(late), list[str]()
+    every = np.concatenate(late)
     for k, mine in enumerate(late if len(every) >= FEW else ()):
         typical = float(np.median(mine if len(mine) >= FEW else every))
         found[k] = found[k].with_value("drive.reaction", round(typical, 2))
-    if len(every) < FEW:
-        seen = count(len(every), "time")
-        notes.append(f"reaction times of drivers cannot be told: a truck set off right behind another {seen}")
-    out = list(found)
     by_speed = np.argsort([t.drive.speed_factor for t in found], kind="stable")
     for group in np.array_split(by_speed, min(len(found), MOST)):
         drives = [found[k].drive for k in group]
         mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
         for k in group:
-            out[k] = replace(truck, drive=replace(truck.drive, **mean))
-    return tuple(out), notes
+            found[k] = replace(truck, drive=replace(truck.drive, **mean))
+    untold = "reaction times of drivers cannot be told: a truck set off right behind another"
+    return tuple(found), [f"{untold} {count(len(every), 'time')}"] if len(every) < FEW else []
 
 
 def delays(dataset: Dataset, length: float) -> list[Floats]:
     """How long [s] each vehicle stood on after the one of a ``length`` [m] right before it had set off."""
-    found, out = [], [list[float]() for _ in dataset.vehicles]
+    found, out = list[list[float]](), [list[float]() for _ in dataset.vehicles]
     for v, vehicle in enumerate(dataset.vehicles):
         t = dataset.read(vehicle, columns=("x", "y", "heading", "speed"))
         time, speed = t.time * 1e-6, t.floats("speed")
@@ -252,11 +249,9 @@ def delays(dataset: Dataset, length: float) -> list[Floats]:
         k = k[k + 1 < len(t)]
         # It had gathered its first speed as it gathers the next.
         rate = np.maximum(speed[k + 1] - speed[k], 1e-3) / (time[k + 1] - time[k])
-        at = np.maximum(time[k] - speed[k] / rate, time[k - 1])
-        where = (t.floats(name)[k] for name in ("x", "y", "heading"))
-        found.append(np.column_stack([at, np.full(len(k), v), *where]))
-    table = np.concatenate(found)
-    table = table[np.argsort(table[:, 0])]
+        at, where = np.maximum(time[k] - speed[k] / rate, time[k - 1]), ("x", "y", "heading")
+        found += np.column_stack([at, np.full(len(k), v), *(t.floats(name)[k] for name in where)]).tolist()
+    table = np.array(sorted(found)).reshape(-1, 5)
     for at, v, x, y, heading in table:
         earlier = table[slice(*np.searchsorted(table[:, 0], (at - LATE, at)))]
         gap = (earlier[:, 2] - x + 1j * (earlier[:, 3] - y)) * np.exp(-1j * heading)

@@ -53,7 +53,8 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     pairs = meetings(track.x, track.y, track.z, track.heading, owner, every, *half_box(truck))
     a, b = owner[pairs[:, 0]], owner[pairs[:, 1]]
     touched = np.zeros(len(owner), dtype=bool)
-    touched[pairs[~_follow_each_other(track, a, b)].ravel()] = True
+    # The rule of following holds between those that a truck drives one after the other.
+    touched[pairs[~_in_line(track, a, b)].ravel()] = True
     clear, stop = np.zeros(lanes), np.full(lanes, -1.0)
     resource = owner.copy()
     for lane in range(lanes):
@@ -76,12 +77,6 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     return Junctions(clear, stop, capacity, resource, conflicts)
 
 
-def _turns(track: Track) -> Ints:
-    """Number ``a * len(track) + b`` of all lanes a, b that follow each other and do not lie side by side."""
-    straight = (track.source >= 0) & ~track.swings
-    return track.source[straight].astype(np.int64) * len(track) + track.target[straight]
-
-
 def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> Ints:
     """(N, 2) each pair of numbers once, in order."""
     size = int(b.max(initial=0)) + 1
@@ -97,16 +92,6 @@ def conflict_lists(pairs: Ints, count: int) -> tuple[Ints, Index]:
     return first.astype(np.int64), (key % count).astype(np.int32)
 
 
-def _follow_each_other(track: Track, a: Index, b: Index) -> Mask:
-    """(N,) pairs of pieces that a truck drives one after the other: there the rule of following holds."""
-    pair = np.zeros(len(a), dtype=bool)
-    lanes = np.flatnonzero((track.source[a] < 0) & (track.source[b] < 0))
-    for one, other in ((a, b), (b, a)):
-        pair |= (track.source[one] == other) | (track.target[one] == other)
-        pair[lanes] |= np.isin(one[lanes].astype(np.int64) * len(track) + other[lanes], _turns(track))
-    return pair
-
-
 def lanes_at(track: Track, count: int) -> Ints:
     """(4, count) lanes of resources, -1: none; the one that a resource lies at the end of, the one that it
     lies at the start of, and those that it joins."""
@@ -118,14 +103,17 @@ def lanes_at(track: Track, count: int) -> Ints:
     return out
 
 
-def _in_line(track: Track, a: Ints, b: Ints) -> Mask:
-    """(N,) pairs of resources that a truck takes one after the other."""
+def _in_line(track: Track, a: NDArray[np.integer], b: NDArray[np.integer]) -> Mask:
+    """(N,) pairs of resources, or of pieces, that a truck takes one after the other."""
     out, at = np.zeros(len(a), dtype=bool), lanes_at(track, len(track) + 2 * len(track.network))
+    # Lanes a, b that follow each other and do not lie side by side, each pair as one number.
+    straight = (track.source >= 0) & ~track.swings
+    turns = track.source[straight].astype(np.int64) * len(track) + track.target[straight]
     for one, other in ((a, b), (b, a)):
         leaves, _, source, target = at[:, one]
         left, entered, *_ = at[:, other]
         out |= (source >= 0) & ((left == source) | (entered == target))
         # Exit and entry of a lane, or exit of one and entry of the next, joined by a connector.
-        goes_on = (leaves == entered) | np.isin(leaves * len(track) + entered, _turns(track))
+        goes_on = (leaves == entered) | np.isin(leaves * len(track) + entered, turns)
         out |= (leaves >= 0) & (entered >= 0) & goes_on
     return out

@@ -98,7 +98,10 @@ class Tally:
         found = [self._places(name, *of) for name, of in PLACES.items() if of[0] in d.kind]
         busy = 1.0 - self.idle / (len(d.names) * self.seconds)
         trucks = Resource("trucks", len(d.names), None, busy, float(tasks.sum()) / self.seconds)
-        found += [self._junctions(traffic), trucks]
+        most, count = int(np.argmax(self.before)), int((self.crossed > 0.0).sum())
+        name = self.names[most] if self.before[most] > 0.0 else None
+        taken = min(float(self.crossed[most]) / self.seconds, 1.0)
+        found += [Resource("junctions", count, name, taken, traffic / self.seconds), trucks]
         worst = max(found[:-1], key=lambda r: r.queue)
         bottleneck = worst if worst.queue > MATERIAL * trucks.count else trucks if busy > BUSY else None
         some = tasks if len(tasks) else np.zeros(1)
@@ -114,13 +117,6 @@ class Tally:
         name = d.places[most] if self.wanted[most] > 0.0 else None
         taken = self.held[bays if name is None else np.flatnonzero(d.place_of == most)].mean() / self.seconds
         return Resource(what, len(bays), name, float(taken), float(self.caused[lack] / self.seconds))
-
-    def _junctions(self, traffic: float) -> Resource:
-        most = int(np.argmax(self.before))
-        name = self.names[most] if self.before[most] > 0.0 else None
-        taken = min(self.crossed[most] / self.seconds, 1.0)
-        count = int((self.crossed > 0.0).sum())
-        return Resource("junctions", count, name, float(taken), traffic / self.seconds)
 
 
 @dataclass

@@ -21,13 +21,11 @@ STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
 NOT_ZERO: dict[str, float] = {
     "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,
     "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf,
-    "hand_start": -np.inf, "until": -np.inf, "attention": 1, "ready": -np.inf, "stood": -1,
+    "hand_start": -np.inf, "until": -np.inf, "attention": 1, "stood": -1,
 }  # fmt: skip
 """What trucks that are nowhere yet, and empty roads, begin with; all else with 0."""
-DRIVER = {
-    "speed_factor": 1.0, "max_acceleration": 1.0, "max_deceleration": 1.0, "max_lateral_acceleration": 1.0,
-    "reaction": 0.0,
-}  # fmt: skip
+PACES = ("speed_factor", "max_acceleration", "max_deceleration", "max_lateral_acceleration", "reaction")
+DRIVER = dict.fromkeys(PACES, 1.0)
 """What a driver asks of a truck; power follows from the motion, whoever drives."""
 
 
@@ -115,7 +113,7 @@ class Fleet(NamedTuple):
     hand_times: Floats
     hand_before: Floats
     hand_after: Floats
-    until: Floats  # When a truck is done with its work, or with waiting on the road as the term says [s]
+    until: Floats  # A truck stands before: it works, waits as the term says, or its driver has to react [s]
     attention: Mask
     left: Index
     left_by: Floats
@@ -135,7 +133,6 @@ class Fleet(NamedTuple):
     round: Ints
     why: Modes  # Why a truck waits: 0 does not, 1 others are in the way, 2 no room behind the junction
     moved: Floats
-    ready: Floats  # Before this time the first of a queue has not seen that it may set off [s]
     stood: Floats  # Up to here on its lane a truck has stood where it waits [m]
     line: Index  # Those who ask for a reservation, longest wait first
 

@@ -39,8 +39,7 @@ class Watch:
         """For each of the trucks the one that has to move first, -1 where none is found."""
         truck, way = holdings(self.roads, self.fleet)
         holders = dict(zip(way.tolist(), truck.tolist(), strict=True))
-        found = {v: self._in_the_way(v, holders) for v in trucks}
-        return {v: next((u for u in others if u >= 0), -1) for v, others in found.items()}
+        return {v: next((u for u in self._in_the_way(v, holders) if u >= 0), -1) for v in trucks}
 
     def _in_the_way(self, v: int, holders: dict[int, int]) -> Iterator[int]:
         """Who may have to move before truck ``v`` can, the likeliest first; -1: nobody."""

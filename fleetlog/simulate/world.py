@@ -145,7 +145,8 @@ def stops_to_wait(track: Track, j: Junctions, physics: list[Physics]) -> tuple[I
     the term ``waiting``; of one in a junction, where the lane has room beside it."""
     network, stops = track.network, list[tuple[int, float, float]]()
     for k, p in enumerate(physics):
-        for e in np.unique(p.fields["waiting"].edge).tolist() if "waiting" in p.fields else ():
+        edges = p.fields["waiting"].edge if "waiting" in p.fields else np.zeros(0, np.int32)
+        for e in np.unique(edges[edges >= 0]).tolist():
             along = np.linspace(0.0, network.length[e], int(network.length[e] / SPACING) + 2)
             path = Motion.of(len(along), edge=np.full(len(along), e), edge_offset=along)
             node, seconds = standing_still(path, p)

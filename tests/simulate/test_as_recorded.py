@@ -109,7 +109,7 @@ def quick(reaction):
 
 def test_reaction_times_are_found_again(simulated):
     """Two kinds of drivers queue before a crossing."""
-    fleet = simulated(crossing(120.0), 40, 2700.0, truck=(quick(0.5), quick(2.0)), interval=1.0, seed=1)
+    fleet = simulated(crossing(120.0), 40, 3600.0, truck=(quick(0.5), quick(2.0)), interval=1.0, seed=1)
     late = delays(fleet.dataset, TRUCK.chassis.length)
     assert all(len(mine) >= 10 for mine in late)
     for kind, reaction in enumerate((0.5, 2.0)):

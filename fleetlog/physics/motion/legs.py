@@ -185,9 +185,8 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
 def standing_still(path: Motion, physics: Physics) -> tuple[Ints, Floats]:
     """The nodes of a path where trucks stand by the term ``waiting``, in the middle of each stretch that has
     a waiting time; and how long [s]."""
-    if "waiting" not in physics.fields or "waiting" in physics.off:
-        return np.zeros(0, np.int64), np.zeros(0)
-    stands = physics.fields["waiting"].along(path, 0.0)
+    acts = "waiting" in physics.fields and "waiting" not in physics.off
+    stands = physics.fields["waiting"].along(path, 0.0) if acts else np.zeros(len(path))
     first, end = np.flatnonzero(np.diff(stands > 0.0, prepend=False, append=False)).reshape(-1, 2).T
     middle = (first + end - 1) // 2
     return middle, stands[middle]

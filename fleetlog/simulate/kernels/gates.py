@@ -64,18 +64,12 @@ def take_spur(r: Roads, f: Fleet, v: int) -> None:
 
 
 @inner
-def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -> bool:
-    """Whether somebody comes onto a lane, behind nobody before ``at``, who could not stop at ``stop``."""
-    if f.inbound[lane] == 0 or stop >= r.run_in[lane] + (f.inbound[lane] - 1) * (x.length + x.gap):
-        return False
-    return f.tail[lane] < 0 or f.s[f.tail[lane]] >= at
-
-
-@inner
 def is_clear(r: Roads, f: Fleet, lane: int, low: float, high: float, turning: bool, x: Limits) -> bool:
-    """Whether no truck on a lane is between ``low`` and ``high`` [m] or could not stop before ``low``; with
-    ``turning`` as far as it reaches on its way into a bay or out of it."""
-    u = f.tail[lane]
+    """Whether no truck on a lane is between ``low`` and ``high`` [m] or cannot stop before ``low``, nor one
+    that comes onto it behind nobody; with ``turning`` as far as who goes into a bay or out of it reaches."""
+    u, n, at = f.tail[lane], f.inbound[lane], low + x.length + x.gap if turning else low
+    if n > 0 and low < r.run_in[lane] + (n - 1) * (x.length + x.gap) and (u < 0 or f.s[u] >= at):
+        return False
     while u >= 0:
         if f.s[u] <= high:
             need, more = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + 0.6 * f.v[u], 0.0
@@ -92,11 +86,7 @@ def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the lane that the door crosses is clear, and nobody comes who could not stop before it."""
     d = f.door[v]
     lane, low = r.door_crosses[d], r.door_low[d]
-    if lane < 0:
-        return True
-    if f.crossed[lane] >= 0 or comes_in(r, f, lane, low, low, x):
-        return False
-    return is_clear(r, f, lane, low, r.door_high[d], False, x)
+    return lane < 0 or (f.crossed[lane] < 0 and is_clear(r, f, lane, low, r.door_high[d], False, x))
 
 
 @inner
@@ -107,7 +97,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     low, ahead = at - x.length - x.gap, at + r.door_ahead[d] + 0.3
     if is_safe_lane(r, lane) and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
         return False
-    if comes_in(r, f, lane, at, low, x) or not is_clear(r, f, lane, low, ahead + 0.5 * x.length, True, x):
+    if not is_clear(r, f, lane, low, ahead + 0.5 * x.length, True, x):
         return False
     out = f.last_out[lane]
     if out >= 0 and f.left[out] == lane and f.left_by[out] < x.length + f.left_hold[out] and f.s[v] > 0.0:
@@ -181,9 +171,7 @@ def comes_near(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> bool:
         return not f.entry[v] and r.door_at[f.door[v]] - f.s[v] < look + 1.0
     if f.held_to[v] >= f.at[v] or not is_safe_lane(r, p) or (a >= 0 and f.held_to[a] <= f.at[a]):
         return False
-    if wait_ahead(r, f, x, v, p) >= 0:
-        return False
-    return r.stop[p] - f.s[v] < look + 3.0
+    return wait_ahead(r, f, x, v, p) < 0 and r.stop[p] - f.s[v] < look + 3.0
 
 
 @inner
@@ -214,3 +202,4 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
         f.why[v] = answer
         if answer == 0:
             f.waits[v] = np.inf
+            f.until[v] = now + x.reaction[v] if f.v[v] == 0.0 else f.until[v]

@@ -127,10 +127,8 @@ def fills_ring(r: Roads, f: Fleet, v: int, high: int) -> bool:
         if u < 0 or at == f.last[u] or f.held_to[u] > at:
             return False
         c, new = f.route[u, next_safe(r, f, u, at)], 0
-        if c == lane:
-            return True
-        if not is_safe_lane(r, c):
-            return False
+        if c == lane or not is_safe_lane(r, c):
+            return c == lane
     return False
 
 
@@ -141,37 +139,29 @@ def heeded(r: Roads, f: Fleet, v: int, lane: int) -> int:
     asker, p = f.asks[lane], f.piece[v]
     if asker < 0 or asker == v:
         return -1
-    if 0 <= p < len(r.clear) and f.asks[p] >= 0 and f.s[v] > f.ask_at[p] + NEAR:
-        return -1 if f.waits[f.asks[p]] <= f.waits[asker] else asker
-    return asker
-
-
-@inner
-def fits(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
-    """Whether one more, behind all that come, would clear the junction though those on the lane brake now."""
-    last, u, crosses = r.stop[lane], f.tail[lane], f.crossed[lane]
-    if u >= 0:
-        pace = f.v[u] if f.mode[u] == Mode.DRIVING else 0.0
-        last = min(last, f.s[u] + pace * pace / (2.0 * x.down[u]) - x.length - x.gap)
-    if heeded(r, f, v, lane) >= 0:
-        last = min(last, f.ask_at[lane])
-    if crosses >= 0:
-        last = min(last, r.door_low[f.door[crosses]])
-    return f.inbound[lane] * (x.length + x.gap) <= last - r.clear[lane]
+    before = 0 <= p < len(r.clear) and f.asks[p] >= 0 and f.s[v] > f.ask_at[p] + NEAR
+    return -1 if before and f.waits[f.asks[p]] <= f.waits[asker] else asker
 
 
 @inner
 def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
-    """Whether one more can stand on a lane; room is kept for one who asked to come out of a bay."""
-    room = r.capacity[lane]
-    asker = heeded(r, f, v, lane)
+    """Whether one more can stand on a lane, behind all that come, and clears the junction though those on it
+    brake now; room is kept for one who asked to come out of a bay."""
+    room, last, u, crosses = r.capacity[lane], r.stop[lane], f.tail[lane], f.crossed[lane]
+    asker, inbound = heeded(r, f, v, lane), f.inbound[lane]
     if asker >= 0:
         if r.door_lane[f.door[asker]] == lane:
             room -= 1
         # Who could not stop there any more would go first, and after it the next one.
         if f.ask_at[lane] < max(r.clear[lane] + 0.5, r.run_in[lane]):
             return False
-    return f.on[lane] + f.inbound[lane] < room and fits(r, f, v, lane, x)
+        last = min(last, f.ask_at[lane])
+    if u >= 0:
+        pace = f.v[u] if f.mode[u] == Mode.DRIVING else 0.0
+        last = min(last, f.s[u] + pace * pace / (2.0 * x.down[u]) - x.length - x.gap)
+    if crosses >= 0:
+        last = min(last, r.door_low[f.door[crosses]])
+    return f.on[lane] + inbound < room and inbound * (x.length + x.gap) <= last - r.clear[lane]
 
 
 @inner

@@ -10,7 +10,6 @@ from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
 GRAVITY = 9.81
 ROUND = 5  # Steps between two rounds of reservations
-SLOWEST = 1e-3  # Slower than this a truck stands [m/s]
 
 
 @inner
@@ -100,23 +99,18 @@ def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
 
 
 @inner
-def next_speed(r: Roads, f: Fleet, v: int, x: Limits, now: float, dt: float) -> float:
+def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """Speed at the end of the step."""
     m, speed = f.mode[v], f.v[v]
     if m == Mode.DRIVING:
         new = min(speed + pull(r, f, v, x) * dt, wanted_speed(r, f, v, x, dt))
-        if speed == 0.0:
-            if new <= SLOWEST and f.ahead[v] < 0:
-                f.ready[v] = max(f.ready[v], now + x.reaction[v])
-            elif now < max(f.ready[v], f.until[v]):
-                new = 0.0
     elif m == Mode.ENTERING or m == Mode.LEAVING:
         rest = r.door_length[f.door[v]] - f.spur[v] if m == Mode.ENTERING else f.spur[v]
         new = min(min(speed + x.up[v] * dt, x.creep[v]), safe(speed, rest, 0.0, x.plan[v], dt))
     else:
         new = 0.0
     new = max(new, speed - x.down[v] * dt)
-    return new if new > SLOWEST else 0.0
+    return new if new > 1e-3 else 0.0
 
 
 @inner
@@ -163,13 +157,14 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
             reservations(r, f, x, now)
         for v in range(trucks):
             m = f.mode[v]
-            if m == Mode.PARKED or m == Mode.CHARGING or m == Mode.WANTS_OUT or m == Mode.AT_BAY:
+            stays = m == Mode.PARKED or m == Mode.CHARGING or m == Mode.WANTS_OUT or m == Mode.AT_BAY
+            if stays or now < f.until[v] - 1e-9:
                 f.a[v] = 0.0
                 continue
-            if m == Mode.HANDLING and now >= f.until[v] - 1e-9:
+            if m == Mode.HANDLING:
                 f.mode[v] = Mode.PARKED
                 f.attention[v] = True
-            f.a[v] = (next_speed(r, f, v, x, now, dt) - f.v[v]) / dt
+            f.a[v] = (next_speed(r, f, v, x, dt) - f.v[v]) / dt
         for v in range(trucks):
             log.height[v, column + k], log.lift[v, column + k] = 0.0, 0.0
             m = f.mode[v]
