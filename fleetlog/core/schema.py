@@ -19,6 +19,7 @@ Check = Callable[[Any], Any]
 Keys = Mapping[str, Check]
 Errors = type[InputError]
 _SHOWN = 60
+FARTHEST = 1e7  # No point lies farther from an origin [m]
 
 
 class Wrong(Exception):

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Edge, Network, build_network
-from fleetlog.core.schema import Errors, Keys, Wrong, list_of, real, rows, text
+from fleetlog.core.schema import FARTHEST, Errors, Keys, Wrong, list_of, real, rows, text
 from fleetlog.errors import InputError, SiteError
 
 PlaceKind = Literal["pick", "drop", "park", "charge"]
@@ -209,9 +209,6 @@ def _known(item: dict[str, Any]) -> dict[str, Any]:
     """The known values of a place, zone, building or edge; points as an array."""
     known = {k: tuple(v) if k == "shift" else v for k, v in item.items() if v is not None}
     return known | {k: np.asarray(known[k], float) for k in ("polygon", "points") if k in known}
-
-
-FARTHEST = 1e7  # No point lies farther from an origin [m]
 
 
 def crs(value: Any) -> str:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,19 +14,7 @@ from fleetlog.core import schema
 from fleetlog.core.arrays import Floats
 from fleetlog.core.files import read_head
 from fleetlog.core.network import LoadReport, Network, build_network, distance_to_segment
-from fleetlog.core.site import (
-    FARTHEST,
-    Building,
-    Frame,
-    Inverse,
-    Place,
-    Site,
-    Zone,
-    crs,
-    frame_at,
-    geographic,
-    map_frames,
-)
+from fleetlog.core.site import Building, Frame, Place, Site, Zone, crs, frame_at, geographic, map_frames
 from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
 from fleetlog.roads.formats.base import MOST_VERTICES, MapOptions, Reader, RoadMap, at
@@ -34,7 +23,7 @@ from fleetlog.store.documents import digest as sha256
 HEAD = 4096  # bytes that a format is recognised by
 MOST_EDGES, LONGEST = 2_000_000, 200_000.0  # a site has no more edges, and none that is longer [m]
 OFF_ROADS = 10.0  # a place farther than this [m] from every road gets a warning
-metres = schema.real(-FARTHEST, FARTHEST)
+metres = schema.real(-schema.FARTHEST, schema.FARTHEST)
 
 
 def _polygon(value: Any) -> Floats:
@@ -244,7 +233,7 @@ def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[RoadMap, Frame | 
     return _moved(road_map, x, y), frame, [f"{how}; the largest change is {moved:.2f} m"]
 
 
-def _own_frame(earth: Inverse, points: Floats) -> Frame:
+def _own_frame(earth: Callable[[Floats, Floats], tuple[Floats, Floats]], points: Floats) -> Frame:
     """A frame with the map's axes, about its (0, 0) where that is near the roads, else about their centre."""
     low, high = points.min(axis=0), points.max(axis=0)
     near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())

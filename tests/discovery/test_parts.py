@@ -22,7 +22,7 @@ from fleetlog.discovery.channels.energy import _recorded
 from fleetlog.discovery.channels.energy_columns import Evaluation
 from fleetlog.discovery.channels.paths import Path as DrivenPath
 from fleetlog.discovery.channels.paths import across, kinks
-from fleetlog.discovery.channels.waits import Places
+from fleetlog.discovery.channels.waits import Waits
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, _numbers
 from fleetlog.discovery.model import FLEET, Model
@@ -378,7 +378,7 @@ def test_waits_beside_a_border_of_two_stretches_are_those_of_one_place() -> None
     lanes = make_stretches(network(), apart=True)
     stops = np.zeros(len(lanes))
     stops[[1, 2]] = 4, 13
-    places = Places(lanes, stops)
+    places = Waits(lanes, stops, np.zeros((4, len(lanes))))
     assert places.place.tolist() == [2 if k == 1 else k for k in range(len(lanes))]
     at = np.linspace(0.1, 39.9, 400)
     for stop in (15.5, 16.5):

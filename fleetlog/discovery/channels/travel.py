@@ -12,17 +12,10 @@ from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.discovery.channels import paths
 from fleetlog.discovery.channels.base import About, Channel, Columns, Unit
 from fleetlog.discovery.channels.paths import Laid, Lost, Passed, Path
-from fleetlog.discovery.channels.waits import Waits, stands, waits
+from fleetlog.discovery.channels.waits import Waits, stands
 from fleetlog.discovery.hypotheses import sources
 from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
-from fleetlog.discovery.hypotheses.sources import (
-    UNIT,
-    ErrorSource,
-    FieldSource,
-    FreeCurve,
-    KnobSource,
-    Source,
-)
+from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.recording.conflicts import Route, route
@@ -70,7 +63,7 @@ class TravelAbout(About):
         """The modelled time, (W,) [s]; of windows in which only the standing counts, that."""
         return self.own.summed(np.where(self.own.apart[self.own.of], 0.0, self.seconds) + self.waits)
 
-    def columns(self, sources: Sequence[Source]) -> Columns:
+    def columns(self, sources: Sequence[sources.Source]) -> Columns:
         """Return the columns of sources, (W, P): where only the standing counts, waits alone."""
         out, terms = super().columns(sources), [getattr(s, "physics", None) for s in sources]
         waits = [t is not None and t.acts == "wait" for t in terms]
@@ -109,7 +102,7 @@ class TravelAbout(About):
         if term is None:
             slope = UNIT["time"] * self.seconds
         elif term.acts == "wait":
-            place = self.channel.waits.places.at(self.own)
+            place = self.channel.waits.at(self.own)
             slope = self._shared(source.scope, np.asarray(self.own.share, float))
         else:
             first = term.parameters[0]
@@ -191,7 +184,8 @@ class TravelChannel(Channel):
     def learn(self, told: list[Any]) -> None:
         """Learn how turns are driven, where trucks wait, and how waits scatter."""
         self.turns = measure([one for turns, _ in told for one in turns], self.fleet.truck)
-        self.waits = waits([stood for _, stood in told], self.lanes)
+        stops, *by_place = np.sum([stood for _, stood in told], axis=0)
+        self.waits = Waits(self.lanes, stops, np.array(by_place))
 
     def of(self, date: int) -> Iterator[Unit]:
         """Yield the units of a date, made of its paths once turns and places to wait are known."""
@@ -202,10 +196,11 @@ class TravelChannel(Channel):
 
     def _unit(self, laid: Laid) -> Unit:
         path, windows, recorded, whole = laid
-        place = self.waits.places.at(path)
-        noise, here = self.waits.noise(path, place), self.waits.here[place]
+        place = self.waits.at(path)
+        noise, here = np.zeros(len(recorded)), self.waits.here[place]
+        np.maximum.at(noise, path.of, np.where(here, self.waits.scatter[place], 0.0))
         driven = self.turns.along(path.s, path.motion.edge, path.motion.curvature, path.inside)
-        share = path.passages(place, self.waits.places.size)[2] * here
+        share = path.passages(place, self.waits.size)[2] * here
         apart = path.apart & (path.summed(here.astype(float)) > 0.0) & path.alone(place)
         path = replace(path, motion=path.motion.replaced(curvature=driven), share=share, apart=apart)
         nominal = self.about(path, self.base)
@@ -226,7 +221,7 @@ class TravelChannel(Channel):
             if term.acts == "wait":
                 m = path.motion
                 there = model.share(name, int(m.vehicle[0]), m.time)
-                total += np.maximum(deviation, 0.0)[self.waits.places.at(path)] * path.share * there
+                total += np.maximum(deviation, 0.0)[self.waits.at(path)] * path.share * there
         return total
 
     def cells(self, term: Term | None) -> Stretches:

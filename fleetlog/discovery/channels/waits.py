@@ -1,4 +1,4 @@
-"""Where trucks wait, by stretch of lane: what stands there for no purpose, and how it scatters."""
+"""Where trucks wait, by stretch of lane: where they stand for no purpose, and how that scatters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.paths import Laid, Path
 from fleetlog.discovery.hypotheses.cells import Stretches
 
@@ -15,14 +15,16 @@ SCATTER = 0.5  # Of waits, as a share of their mean, by what counts as one passa
 
 
 @dataclass(frozen=True)
-class Places:
-    """Where trucks stood, by stop on each stretch, ``stops`` (C,), of the ``lanes``.
+class Waits:
+    """What trucks tell of the ``lanes``, (C,) each: where they ``stop``; and of what counts there passages,
+    waits, their seconds, and squares of how far these scatter, ``by_place`` (4, C).
 
     Whoever waits before a border of two stretches stops now on this and now on that side, and mostly on one:
     to that, their ``place``, the waits of both count."""
 
     lanes: Stretches
     stops: Floats
+    by_place: Floats
 
     @cached_property
     def place(self) -> Ints:
@@ -32,70 +34,50 @@ class Places:
         most = np.argmax(np.where(edge[beside] == edge, self.stops[beside], -1.0), axis=0)
         return np.where(self.stops > 0.0, beside[most, own], own)
 
+    def _gathered(self, values: Floats) -> Floats:
+        return np.bincount(self.place, values, len(self.stops)).astype(np.float64)
+
     @cached_property
     def size(self) -> Floats:
         """(C,) metres of all stretches that count to each."""
-        return self.gathered(self.lanes.end - self.lanes.start)
+        return self._gathered(self.lanes.end - self.lanes.start)
 
-    def gathered(self, values: Floats) -> Floats:
-        """Return the sums of values, (C,), of all stretches that count to each, (C,)."""
-        return np.bincount(self.place, values, len(self.stops)).astype(np.float64)
+    @cached_property
+    def here(self) -> Mask:
+        """(C,) whether trucks wait there: what holds up one direction of a road often holds up the other."""
+        stood, other = self._gathered(self.by_place[1]), self.lanes.opposite
+        return np.asarray(stood + np.where(other >= 0, stood[other], 0.0) >= FEW)
+
+    @cached_property
+    def scatter(self) -> Floats:
+        """(C,) variance of what a passage waits [s2]."""
+        passages, stood, wait, off = map(self._gathered, self.by_place)
+        return (off + (SCATTER * wait / np.maximum(stood, 1.0)) ** 2) / np.maximum(passages, 1.0)
 
     def at(self, path: Path) -> Ints:
         """Return the place of every node, (G,)."""
         return self.place[self.lanes.at(path.motion)[0]]
 
-    def stood(self, laid: Sequence[Laid], seen: Sequence[Mask]) -> Floats:
-        """Return (4, C) by place: passages, waits, their seconds, and squares of how far these scatter; of
-        the windows ``seen``, (W,) each. A truck with another in its way waits as well: of such passages only
-        the standing counts."""
-        n, found = len(self.stops), [np.zeros((3, 0))]
-        for (path, *_), counts in zip(laid, seen, strict=True):
-            place = self.at(path)
-            node = (counts & (~path.behind | path.alone(place)))[path.of]
-            of, passed, _ = path.passages(place, self.size)
-            first, wait = np.flatnonzero(np.diff(of, prepend=-1)), np.bincount(of, node * path.standing)
-            use = passed & (node[first] | (wait > 0.0))
-            found.append(np.stack([place[first], path.motion.time[first], wait])[:, use])
-        at, time, wait = np.concatenate(found, axis=1)
-        order = np.lexsort((time, at))
-        at, wait = at[order].astype(np.int64), wait[order]
-        # Passages are compared with the one before: where trucks wait since noon, that is no scatter.
-        next_one = np.diff(at) == 0
-        off = np.bincount(at[1:][next_one], 0.5 * np.diff(wait)[next_one] ** 2, n)
-        passages, waits = (np.bincount(at[k], minlength=n) for k in (wait >= 0.0, wait > 0.0))
-        return np.stack([passages, waits, np.bincount(at, wait, n), off])
-
 
 def stands(laid: Sequence[Laid], seen: Sequence[Mask], lanes: Stretches) -> Floats:
-    """Return (5, C) by stretch: stops, and how trucks :meth:`Places.stood` where these count to it."""
-    stops = np.zeros(len(lanes))
+    """Return the (5, C) stops and what counts at places, see :class:`Waits`, of the windows ``seen``, (W,)
+    each. A truck with another in its way waits as well: of such passages only the standing counts."""
+    n, found = len(lanes), [np.zeros((3, 0))]
+    stops = np.zeros(n)
     for (path, *_), use in zip(laid, seen, strict=True):
-        stops += np.bincount(lanes.at(path.motion)[0], use[path.of] & (path.standing > 0.0), len(lanes))
-    return np.vstack([stops, Places(lanes, stops).stood(laid, seen)])
-
-
-@dataclass(frozen=True)
-class Waits:
-    """``places`` where trucks wait, ``here`` (C,) whether they do, ``scatter`` (C,) of a passage's [s2]."""
-
-    places: Places
-    here: Mask
-    scatter: Floats
-
-    def noise(self, path: Path, place: Index | Ints) -> Floats:
-        """Return the variance of what its windows wait, (W,) [s2]; ``place`` (G,) of its nodes."""
-        out = np.zeros(path.count)
-        np.maximum.at(out, path.of, np.where(self.here[place], self.scatter[place], 0.0))
-        return out
-
-
-def waits(told: Sequence[Floats], lanes: Stretches) -> Waits:
-    """Return where trucks wait, by what all dates tell."""
-    stops, *by_stretch = np.sum(told, axis=0)
-    places = Places(lanes, stops)
-    passages, stood, wait, off = map(places.gathered, by_stretch)
-    # What holds up one direction of a road often holds up the other.
-    here = stood + np.where(lanes.opposite >= 0, stood[lanes.opposite], 0.0) >= FEW
-    passed, stopped = (np.maximum(count, 1.0) for count in (passages, stood))
-    return Waits(places, here, (off + (SCATTER * wait / stopped) ** 2) / passed)
+        stops += np.bincount(lanes.at(path.motion)[0], use[path.of] & (path.standing > 0.0), n)
+    waits = Waits(lanes, stops, np.zeros((4, n)))
+    for (path, *_), use in zip(laid, seen, strict=True):
+        place = waits.at(path)
+        node = (use & (~path.behind | path.alone(place)))[path.of]
+        of, passed, _ = path.passages(place, waits.size)
+        first, wait = np.flatnonzero(np.diff(of, prepend=-1)), np.bincount(of, node * path.standing)
+        counts = passed & (node[first] | (wait > 0.0))
+        found.append(np.stack([place[first], path.motion.time[first], wait])[:, counts])
+    at, time, wait = np.concatenate(found, axis=1)
+    order = np.lexsort((time, at))
+    at, wait = at[order].astype(np.int64), wait[order]
+    # Passages are compared with the one before: where trucks wait since noon, that is no scatter.
+    next_one = np.diff(at) == 0
+    off = np.bincount(at[1:][next_one], 0.5 * np.diff(wait)[next_one] ** 2, n)
+    return np.stack([stops, *(np.bincount(at, v, n) for v in (wait >= 0.0, wait > 0.0, wait)), off])
