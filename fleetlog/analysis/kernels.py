@@ -54,8 +54,7 @@ def cluster_steps(
     that hold each cluster together, as few as can be; of step t those from arc_first[t] to arc_first[t + 1].
 
     On one edge it is enough to join neighbours in order, and between edges the last truck of the one with
-    the first of the other: any other pair within the limit is then joined through them, since distances
-    along a way only add."""
+    the first of the other: these join any other pair within the limit, as distances along a way only add."""
     used, (steps, trucks) = 0, edge.shape
     labels = np.full((steps, trucks), -1, np.int32)
     head, tail = np.full((2, len(length)), -1, np.int32)

@@ -9,8 +9,7 @@ form by a few per cent: the shift that this would make is added.
 Which numbers do the runs carry?  Columns of J are taken greedily, the most telling first, each as far as
 those before do not explain it (pivoted QR).  Where less than one prior deviation of information is left, the
 rest is *held* at its prior.  A free number whose posterior is still wide, or wide for the most part because a
-held one can stand in for it, is *tied*: the runs carry a combination of the two.  Only the others are
-*fitted*."""
+held one can stand in for it, is *tied*: the runs carry a combination of both.  The others are *fitted*."""
 
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -71,8 +71,7 @@ class Place:
 @dataclass(frozen=True)
 class Zone:
     """A polygon ((n, 2) metres) with a speed limit [m/s] (NaN: none), or under a roof. Simulated people cross
-    the roads through it ``closed_every`` [s] on average (0: never), and close them ``closed_for`` [s] each
-    time."""
+    the roads through it ``closed_every`` [s] on average (0: never), and close them for ``closed_for`` [s]."""
 
     id: str
     polygon: Floats

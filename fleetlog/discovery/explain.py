@@ -92,8 +92,7 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     chosen = [h for h in found.joint.chosen if h.term is None or h in kept]
     told = [h for h in chosen if not _within_tolerance(base, numbers, h)]
     named, untold = ([h for h in kept if (h in told) == wanted] for wanted in (True, False))
-    # The strongest single hypothesis beside the base, whatever came of it: its p-value is uniform where
-    # nothing is concealed.
+    # The strongest single hypothesis, whatever came of it: its p-value is uniform on a clean recording.
     best = [h for h in (found.best_untold,) if h is not None]
     # What a number of the truck file is off beside no finding is known as well from the sample.
     sums = sample.sums(found.base.model, [*untold, *best]) if named or best else None
@@ -131,8 +130,7 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
 
 
 def _on_all(asked: Task, model: Model, kept: Sequence[Hypothesis]) -> Joint:
-    """Fit hypotheses to all trips: from where a sample of them leads, one step is as good as any number (Le
-    Cam 1956)."""
+    """Fit hypotheses to all trips: from where a sample leads, one step is as good as many (Le Cam 1956)."""
     joint = refit(asked.sample, model, kept)
     return joint if asked.share >= 1.0 else refit(asked.problem, joint.model, kept, steps=1)
 

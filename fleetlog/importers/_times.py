@@ -29,8 +29,7 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 @dataclass
 class LocalClock:
     """Local times of one file to UTC; an hour that comes twice is told apart by the order of the rows.
-    ``last`` is the latest UTC time seen of each vehicle, so that the second pass over an ambiguous hour is
-    noticed."""
+    ``last`` is each vehicle's latest UTC time, which shows the second pass over an ambiguous hour."""
 
     zone: ZoneInfo
     last: dict[str, int] = field(default_factory=dict)

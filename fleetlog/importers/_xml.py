@@ -21,8 +21,7 @@ class Elements(Records):
     """Elements of the ``wanted`` tags at their ends; like the ``passed`` ones counted, then dropped.
 
     So memory does not grow with the file. Entities are not expanded, nothing is loaded from elsewhere,
-    libxml2's limits on depth and text stay on. A file that is cut off or broken gives what came before; the
-    report hears of it."""
+    libxml2's limits on depth and text stay on. A broken file gives what came before; the report says so."""
 
     wanted: ClassVar[tuple[str, ...]]
     passed: ClassVar[tuple[str, ...]] = ()

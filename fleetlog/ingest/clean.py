@@ -1,7 +1,6 @@
 """Cleaning: what cannot be a measurement is refused or unknown, what can is left alone.
 
-Every step takes the sorted rows of one vehicle and gives fewer rows, or rows with values unknown, and tells
-``rejects``."""
+Every step takes a vehicle's sorted rows, gives fewer or some with unknown values, and tells ``rejects``."""
 
 import itertools
 from typing import Any

@@ -39,8 +39,7 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
 
 def into_site(rows: Trajectory, frames: Sequence[MapFrame], every: MapFrame | None) -> Trajectory:
     """Rows whose x, y are in a frame of their own, in the site's. ``every`` is the frame of all rows; else
-    that of the name that a row gives in ``map_id`` counts, and the others stay. ``level`` is the floor that
-    the frame names."""
+    that of the name in a row's ``map_id`` counts, and others stay. ``level`` is the floor of the frame."""
     if "x" not in rows or "y" not in rows:
         return rows
     if every is not None:

@@ -84,8 +84,7 @@ def gather(tracks: Iterable[Driven]) -> Driven:
 
 def gathered(cells: Driven, noise: float, lane: float) -> Driven:
     """``cells`` on the lines that they follow by direction; lines closer than ``lane`` [m] are one. ``noise``
-    [m] is that of the positions. The weight is then in passes: as much per metre of a line as the log has
-    trips over it."""
+    [m] is that of the positions. The weight is then in passes: by metre of a line, the trips over it."""
     one_way, _ = _shifted(cells, max(0.5, 0.8 * noise), either=False)
     own = _shifted(one_way, 0.5, either=False, rounds=1)[1]
     around = _shifted(one_way, lane, either=True, rounds=1)[1]

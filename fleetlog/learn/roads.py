@@ -90,8 +90,7 @@ def _runs(m: Match, length: Floats) -> Iterator[list[int]]:
 
 
 def _visits(bounds: list[int], m: Match, t: Trajectory, router: Router) -> list[list[Visit]]:
-    """The visits of a run, parted where the way between two is not known. Edges that are driven between two
-    rows are visits too."""
+    """The visits of a run, parted where a way is not known. Edges driven between two rows are visits too."""
     x, y = t.floats("x"), t.floats("y")
     length, begin = router.network.length.tolist(), float(m.offset[bounds[0]])
     out: list[list[Visit]] = [[]]

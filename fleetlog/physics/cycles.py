@@ -50,8 +50,7 @@ def legs(pieces: list[Piece], payload: float = 0.0, grade: float = 0.0, dt: floa
 
 
 def run(length: float, speed: float, up: float, down: float) -> list[Piece]:
-    """From rest to rest over ``length`` m: at most ``speed`` m/s,
-    gathered at ``up`` and shed at ``down`` m/s2."""
+    """Rest to rest over ``length`` m at up to ``speed`` m/s, gathered at ``up``, shed at ``down`` m/s2."""
     top = min(speed, float(np.sqrt(2.0 * length * up * down / (up + down))))
     cruise = max(length - top**2 / 2.0 * (1.0 / up + 1.0 / down), 0.0)
     return [Piece(top / up, 0.0, up), Piece(cruise / top, top), Piece(top / down, top, -down)]

@@ -97,8 +97,7 @@ def mirrored(field: Field, network: Network, odd: bool) -> Field:
 
 NUMBERS = [f.name for f in fields(Field)][1:]
 COLUMNS = [{"start": "from", "end": "to"}.get(name, name) for name in NUMBERS]
-"""Of a field's Parquet file beside ``edge_id``; ``from`` and ``to`` may be absent and then mean the whole
-edge."""
+"""Of a field's Parquet file beside ``edge_id``; without ``from`` and ``to`` the whole edge is meant."""
 
 
 def save_field(path: Path, field: Field, network: Network | None) -> None:

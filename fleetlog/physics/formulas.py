@@ -43,8 +43,7 @@ def surface_resistance(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 def grade(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """F = m g sin(theta) [N], theta the map's slope along the motion plus what was found (``slope``: tan
-    theta)."""
+    """F = m g sin(theta) [N], theta the map's slope along the motion and what was found (``slope``: tan)."""
     mapped, found = distinct(motion.slope), values.get("slope", 0.0)
     sine = (np.sin(mapped) + found * np.cos(mapped)) / np.sqrt(1.0 + np.square(found))  # Of both angles
     return np.asarray(total_mass(motion, truck) * GRAVITY * sine)

@@ -68,8 +68,7 @@ class Own:
 
 
 def share(time: Floats, begin: float, until: float, drift: bool) -> Floats:
-    """Return how far something holds at some times, (N,): 1 from ``begin`` to ``until``, or growing to 1
-    over them."""
+    """Return how far something holds at times, (N,): 1 from ``begin`` to ``until``, or growing to that."""
     if drift:
         return np.asarray(np.clip((time - begin) / (until - begin), 0.0, 1.0))
     return np.asarray((time >= begin) & (time < until), dtype=float)
@@ -216,8 +215,7 @@ def battery_power(motion: Motion, physics: Physics) -> Floats:
 
 
 def allowed_speed(motion: Motion, physics: Physics) -> Floats:
-    """(N,) highest speed [m/s] where ``motion.speed`` is what road and truck allow;
-    the lowest of all terms of speed."""
+    """(N,) highest speed [m/s] that all terms leave of ``motion.speed``, which road and truck allow."""
     return np.asarray(np.min([motion.speed, *evaluated(motion, physics.fleet, "speed").values()], axis=0))
 
 

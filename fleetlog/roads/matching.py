@@ -190,9 +190,7 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
     return found
 
 
-def _rows(
-    track: Track, groups: Groups, routes: Routes, still: Mask, near: Floats, p: MatchParameters
-) -> Rows:
+def _rows(track: Track, groups: Groups, routes: Routes, rest: Mask, near: Floats, p: MatchParameters) -> Rows:
     """The rows, each with the path coordinate interpolated between the centres of groups, and carried on with
     the nearest slope at both ends of a stretch."""
     group = np.repeat(np.arange(len(groups.t)), np.diff(groups.first))
@@ -202,10 +200,10 @@ def _rows(
     centre, slope = routes.centre[group], np.append(slope, 0.0)[on]
     where = routes.centre[on] + slope * (track.t - groups.t[on])
     noise = max(p.noise, 0.02) ** 2
-    position_var = np.where(still, noise / np.diff(groups.first)[group], noise)
-    speed = np.where(still, 0.0, track.speed), np.where(still, 1e-6, p.speed_noise**2)
-    where = np.where(still | (first == last)[group], centre, where)
-    known = *track[:3], speed[0], still, centre, near[group], position_var, speed[1], where
+    position_var = np.where(rest, noise / np.diff(groups.first)[group], noise)
+    speed = np.where(rest, 0.0, track.speed), np.where(rest, 1e-6, p.speed_noise**2)
+    where = np.where(rest | (first == last)[group], centre, where)
+    known = *track[:3], speed[0], rest, centre, near[group], position_var, speed[1], where
     return Rows._make([*known, *np.empty((2, len(group))), np.empty((5, len(group)))])
 
 

@@ -93,10 +93,7 @@ class Meter:
         power[log.mode == Mode.EMPTY] = 0.0
         self.used += float(power[~charging].sum()) * self.dt / 3600.0
         self.charged -= float(np.minimum(np.where(charging, power, 0.0), 0.0).sum()) * self.dt / 3600.0
-        return {
-            "battery_power": power,
-            **self._follow(power, which, physics.at(step0 * self.dt).actual_truck),
-        }
+        return {"battery_power": power, **self._state(power, which, physics.at(step0 * self.dt).actual_truck)}
 
     def _charge_power(self, bay: Index, which: slice) -> Floats:
         truck = self.physics[self.of[which.start]].truck
@@ -105,7 +102,7 @@ class Meter:
         taper = 1.0 - 0.9 * np.clip((self.soc[which] - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
         return np.asarray(rate * taper)
 
-    def _follow(self, power: Floats, which: slice, truck: Truck) -> Columns:
+    def _state(self, power: Floats, which: slice, truck: Truck) -> Columns:
         """The charge at the start of each step; by a battery's chemistry also voltage [V] and current [A]."""
         if self.battery is not None:
             return self._chemistry(power, self.battery, which)

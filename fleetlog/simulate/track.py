@@ -122,8 +122,7 @@ class Track:
 
     first : (P + 1,) piece p owns samples first[p]:first[p + 1];  spacing, length : (P,) [m].
     source, target : (P,) lanes that a connector joins, -1 for lanes.
-    x, y, z, heading, curvature, slope : (S,) of the path;  edge, offset, lateral : (S,) where on the map it
-        lies."""
+    x, y, z, heading, curvature, slope : (S,) of the path;  edge, offset, lateral : (S,) it on the map."""
 
     network: Network
     first: Ints

@@ -51,8 +51,7 @@ def build_world(
     start: float = 0.0,
 ) -> World:  # fmt: skip
     """Lay out a site, ``mined`` places if there is room; :class:`SiteError` if it cannot hold the trucks.
-    Times of the physics count from ``start`` [s since 1970] then; how fast trucks drive is that of the
-    start."""
+    Times of the physics count from ``start`` [s since 1970]; trucks drive as fast as they do then."""
     site, notes = with_loops(site)
     network = site.roads()
     trucks = Trucks.given(trucks, vehicles) if isinstance(trucks, Truck) else trucks

@@ -48,8 +48,7 @@ class DatasetWriter:
     """A dataset being written in the scratch folder ``path``; made by :meth:`create`.
 
     ``write`` takes trajectories in order of time for each vehicle, any number of pieces; vehicles in any
-    order, and in several threads as long as each vehicle is written by one at a time: files and tables come
-    out the same."""
+    order, and in several threads, each vehicle by one at a time: files and tables come out the same."""
 
     def __init__(self, path: Path, kind: Kind, site: Site, before: Older = NOTHING) -> None:
         self.path, self.kind, self.site, self.before = path, kind, site, before

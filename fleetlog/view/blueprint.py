@@ -160,8 +160,7 @@ def map_view(screen: Screen, latitude: float) -> rrb.MapView:
 
 
 def send(stream: Stream, screen: Screen, columns: list[Any], shares: Sequence[float]) -> None:
-    """Make columns beside one another the recording's own screen; time below, playing, where anything has a
-    time; nothing else."""
+    """Make columns side by side the recording's own screen; time below, playing, where anything has one."""
     state = "collapsed" if screen.duration else "hidden"
     speed = 1.0 if screen.duration < 60 else 4.0 if screen.duration < 600 else 10.0
     time = rrb.TimePanel(

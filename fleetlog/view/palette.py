@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 Colour = tuple[int, int, int]
 Share = tuple[float, float, float]
 
-# Okabe and Ito's colours, told apart by colour-blind people; blue is lightened and black left out for a dark
-# ground.
+# Okabe and Ito's colours, which colour-blind people tell apart; on dark ground blue is lighter, no black.
 _VEHICLES: tuple[Colour, ...] = (
     (86, 180, 233), (230, 159, 0), (0, 190, 140), (240, 228, 66), (204, 121, 167), (213, 94, 0),
     (90, 130, 255),

@@ -138,8 +138,7 @@ class Channel(ABC):
         return self.about(unit.own, model).modelled
 
     def columns(self, unit: Unit, model: Model, sources: Sequence[Source]) -> tuple[Floats, Columns]:
-        """Return what the model says, (W,), and the columns of the sources about it, (W, P): change per unit
-        of each coefficient."""
+        """Return what the model says, (W,), and the sources' columns, (W, P): change per unit of each."""
         about = self.about(unit.own, model)
         return about.modelled, about.columns(sources)
 
@@ -241,8 +240,7 @@ class Channel(ABC):
 
 
 def lay(channels: Sequence[Channel], date: int) -> list[Any]:
-    """Put the windows of a date on the shelves of channels, the motion made once for all; return what each
-    has to tell."""
+    """Put the windows of a date on the shelves of channels, the motion made once; return what each tells."""
     looked: list[list[Any]] = [[] for _ in channels]
     for number, block in channels[0].fleet.each_block(date):
         for channel, own in zip(channels, looked, strict=True):

@@ -3,8 +3,7 @@
 The state of charge knows all that a battery gave.  Rows three to seven seconds apart see so little of the
 power that their sum misses it by a fifth, and whatever is proportional to that sum looks smaller than it is.
 The error is taken out as errors in variables are (regression calibration, Carroll et al. 2006): what is
-recorded is first told from what it follows, and the charge is judged against the mean of both that tells it
-best."""
+recorded is first told from what it follows, and the charge is judged against the best mean of both."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -106,11 +106,9 @@ class EnergyChannel(Channel):
             size += float((unit.recorded[use] ** 2).sum())
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
         if final and self.measured and hidden**2 > DILUTED:
-            told = learn(
-                self, replace(self, measured=False), [s[:2] for s in seen], hidden, settings.evidence
-            )
-            if told.share > 0.5:
-                self.between, self.steady = told, False
+            fit = learn(self, replace(self, measured=False), [s[:2] for s in seen], hidden, settings.evidence)
+            if fit.share > 0.5:
+                self.between, self.steady = fit, False
         # Power that is measured at moments errs more by chance than what is told from the motion.
         alike = (0.5 if self.measured and self.between is None else 1.0) * settings.alike
         self.model_error = max(settings.model_error, alike * hidden)
@@ -180,8 +178,7 @@ class EnergyChannel(Channel):
 
     def _seen_lifts(self, c: Cut, seconds: Floats, energy: Floats) -> Mask:
         """(W,) windows without hydraulics that nothing shows: a log without fork height has lifts at
-        standstill all the same. Then only windows with hardly any standstill count, and standstills with
-        their usual power."""
+        standstill all the same. Only windows with hardly any, and standstills of usual power, count then."""
         lifting = self.fleet.truck.chassis.rated_load > 0.0 and not self.fleet.has("fork_height")
         if self.measured or not lifting:
             return np.ones(c.count, bool)

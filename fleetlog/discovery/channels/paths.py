@@ -22,8 +22,7 @@ from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 
 KINK, CORNER = 1.0, 0.5
-"""Way on which a truck that follows the map's line takes its kinks [m]; a larger one is a corner, which is
-rounded [rad]."""
+"""Way on which a truck that follows the map's line takes its kinks [m]; larger ones are rounded [rad]."""
 SHORTEST = 8.0  # A shorter leg says nothing of how fast one drives [m]
 OWN = 60.0
 """Undisturbed driving after which a stretch of lane is known by itself, and no longer by all others [s]."""
@@ -41,8 +40,7 @@ class Path:
     ``held``; ``kink`` (G,) curvature [1/m] that a truck would
     take which follows the line of the map; ``across`` (G,) the limit [m/s] if that of junctions were the mean
     of their roads'; ``behind`` (W,) whether another truck was in the way in a window,
-    and ``apart`` (W,) whether it was, but whatever the truck stood for was not that: of a unit, where only
-    the standing counts."""
+    and ``apart`` (W,) whether it was, but not what the truck stood for: in units only standing counts."""
 
     motion: Motion
     s: Floats

@@ -151,8 +151,7 @@ class TravelChannel(Channel):
         self.roads, self.lanes = make_stretches(network), make_stretches(network, apart=True)
         self.metric = f"rms error of the time for {self.settings.stretch:.0f} m of path, over rms time"
         self.errors = list(ERRORS)
-        # Half way between two rows a truck that gathers speed is a dt^2 / 8 off an even course, half of that
-        # on the mean.
+        # Who gathers speed is off an even course by a dt^2 / 8 between rows, half of it on average.
         unseen = self.fleet.truck.drive.max_acceleration * self.fleet.step**2 / 16.0
         self.model_error = max(self.settings.profile_error, unseen / self.settings.stretch)
         self.place_error = GATHERS * self.model_error
@@ -167,12 +166,9 @@ class TravelChannel(Channel):
         placed = [(k, r) for k, r in looked if r is not None]
         turns, found = list[tuple[Way, Pass]](), list[Laid]()
         group = [r for _, r in placed]
-        # So many windows of the sample's length tell how turns are driven.
-        share, length = (
-            self.settings.sample * self.settings.window / self.fleet.seconds,
-            self.settings.stretch,
-        )
-        ways = paths.laid_out(group, self.fleet, self.split, self.lanes, length, share) if group else ()
+        own = self.settings
+        share = own.sample * own.window / self.fleet.seconds  # So many windows tell how turns are driven
+        ways = paths.laid_out(group, self.fleet, self.split, self.lanes, own.stretch, share) if group else ()
         for (number, _), (laid, undisturbed) in zip(placed, ways, strict=True):
             turns += crossings(undisturbed)
             if laid is not None:
@@ -276,13 +272,11 @@ class TravelChannel(Channel):
         ])  # fmt: skip
 
 
-def _usual(channel: TravelChannel, model: Model, units: Iterable[Unit]) -> Floats:
-    return paths.usual_time(channel.passed(units, model), channel.lanes)
+def _usual(own: TravelChannel, model: Model, units: Iterable[Unit]) -> Floats:
+    return paths.usual_time(own.passed(units, model), own.lanes)
 
 
-def _lost(
-    channel: TravelChannel, model: Model, usual: Floats, units: Iterable[Unit]
-) -> tuple[Floats, Floats]:
+def _lost(own: TravelChannel, model: Model, usual: Floats, units: Iterable[Unit]) -> tuple[Floats, Floats]:
     term = next((t for t in all_terms().values() if t.acts == "traffic"), None)
-    known = None if term is None else channel.base.fields.get(term.name)
-    return paths.lost_time(channel.passed(units, model), channel.lanes, usual, known)
+    known = None if term is None else own.base.fields.get(term.name)
+    return paths.lost_time(own.passed(units, model), own.lanes, usual, known)

@@ -93,8 +93,7 @@ class Cells(ABC):
 @dataclass(frozen=True)
 class Stretches(Cells):
     """C stretches: ``road_edge`` (C,) the edge in whose direction they are counted, ``start``/``end`` offsets
-    along it [m]. ``first`` (E,) and ``count`` (E,) locate an edge's stretches; ``sign`` (E,) is -1 for an
-    edge counted against."""
+    along it [m]. ``first`` and ``count`` (E,) locate an edge's stretches; its ``sign`` (E,) is -1 against."""
 
     network: Network
     road_edge: Index

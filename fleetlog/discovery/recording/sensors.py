@@ -66,8 +66,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class _Look:
-    """What a piece of a vehicle's log says: how late it is [s], and the share unexplained without and with
-    a shift by that."""
+    """What a piece of a vehicle's log says: how late it is [s], and the share unexplained with it or not."""
 
     value: float
     before: float

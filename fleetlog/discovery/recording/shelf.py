@@ -21,8 +21,7 @@ _elsewhere: dict[Path, Path] = {}  # The folder here of one on another machine
 
 
 class Shelf:
-    """Pieces by group and number; of a piece's arrays only what is looked at is read: they lie in its file as
-    they would in memory."""
+    """Pieces by group and number; their arrays lie in files as in memory: only what is looked at is read."""
 
     def __init__(self) -> None:
         self._folder, self._owner = scratch.folder(), os.getpid()

@@ -1,8 +1,7 @@
 """What is held out: whole trips, vehicles, days, or stretches of time where trips are few; never rows.
 
 Where every place is passed once, only its neighbours can speak for a piece of road: stretches are then as
-short as windows allow. Trips are dealt vehicle-day by vehicle-day, so that a day can be read without the
-others."""
+short as windows allow. Trips are dealt by vehicle-day, so that a day can be read without the others."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

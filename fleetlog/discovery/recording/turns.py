@@ -185,8 +185,7 @@ def _speed(passes: list[Pass], middle: float, reach: float) -> float:
 
 
 def _map_explains(known: list[Turn]) -> bool:
-    """Whether the corners of the map, at one lateral acceleration, tell better than the bends measured where
-    trucks slow down."""
+    """Whether corners of the map, at one lateral acceleration, tell better than bends where trucks slow."""
     speed, free, corner = (np.array([getattr(t, n) for t in known]) for n in ("speed", "free", "curvature"))
     bend = np.array([abs(t.angle) / max(t.length, SHORTEST) if abs(t.angle) > BEND else 0.0 for t in known])
 

@@ -59,8 +59,7 @@ class Design:
         ))  # fmt: skip
 
     def occam(self, normal: Normal, share: float) -> float:
-        """Return what the share that it is scaled by costs: the log of the prior's width, by each number
-        that the data tell."""
+        """Return what the share that it is scaled by costs: log width of the prior by number that is told."""
         which = np.array([a.of_truck_file for a in self.atoms])
         spread = np.diag(np.linalg.inv(stiff(normal.gram.sum(axis=0), self.prior)))
         known = np.clip(1.0 - self.prior.precision * spread, 0.0, 1.0)

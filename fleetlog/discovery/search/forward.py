@@ -62,8 +62,7 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
     better = _best(problem, sums, now, found, screened, worth)
     if better is not None:
         return better
-    # What gains most may be spread thinly over the site, and not count; waits gather at few places and gain
-    # less.
+    # What gains most may be spread thinly over the site, and not count; waits gain less, at few places.
     waits = [s for s in worth if s.hypothesis.physics is not None and s.hypothesis.physics.acts == "wait"]
     better = _best(problem, sums, now, found, screened, waits) if waits else None
     return better or _at_times(problem, now, found)
@@ -349,8 +348,7 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
 
 
 def _pruned(problem: Problem, found: Search) -> Search:
-    """Drop what is not needed beside the rest, or has come to an implausible number beside it: a number of
-    two, or the whole."""
+    """Drop what is not needed beside the rest, or is implausible beside it: one number of two, or all."""
     while len(found.joint.chosen) > 1 or any(_singles(h) for h in found.joint.chosen):
         shorter = {h: _shorter(problem, found, h) for h in found.joint.chosen}
         best = min(shorter.values(), key=lambda j: j.score)

@@ -85,7 +85,7 @@ def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], uni
 
 def _floor(problem: Problem, before: Model, share: float) -> float | None:
     """The noise in the windows held out beyond a model; None where it is not known."""
-    parts = problem.channel.each(partial(_alike, problem, before, share))
+    parts = problem.channel.each(partial(_left, problem, before, share))
     features, told = (np.concatenate(p) for p in zip(*chain.from_iterable(parts), strict=True))
     residual, trip, held, noise = told.T
     wanted = held > 0.0
@@ -94,17 +94,15 @@ def _floor(problem: Problem, before: Model, share: float) -> float | None:
     return None if repeated is None else max(repeated, float(np.sqrt(np.mean(noise[wanted]))))
 
 
-def _alike(
-    problem: Problem, before: Model, share: float, units: Iterable[Unit]
-) -> list[tuple[Floats, Floats]]:
+def _left(problem: Problem, model: Model, share: float, units: Iterable[Unit]) -> list[tuple[Floats, Floats]]:
     """(W, d) features of the windows of units, and (W, 4) what a model leaves of them, their trips, whether
     they are held out, and the noise that is known."""
     out = []
     for unit in units:
-        left, held = unit.recorded - problem.channel.predict(unit, before), unit.fold == HELD_OUT
+        left, held = unit.recorded - problem.channel.predict(unit, model), unit.fold == HELD_OUT
         use = unit.whole & problem.split.drawn(unit.windows, share)
         told = np.column_stack([left, problem.split.unit(unit.windows), held, unit.noise])
-        out.append((problem.channel.features(unit, before)[use], told[use]))
+        out.append((problem.channel.features(unit, model)[use], told[use]))
     return out
 
 
@@ -126,8 +124,7 @@ def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) ->
         return None
     count, apart, off = (np.bincount(rank[use], w)[1:] for w in (None, distance[use] ** 2, half[use]))
     delta, gamma = apart / count, off / count
-    # By medians (Theil 1950, Sen 1968): one gross error among the neighbours of a rank turns a line of least
-    # squares.
+    # By medians (Theil 1950, Sen 1968): one gross error among neighbours turns a line of least squares.
     rise, run = (np.subtract.outer(v, v) for v in (gamma, delta))
     several = len(delta) > 2 and np.ptp(delta) > 0
     slope = np.median(rise[run > 0] / run[run > 0]) if several else 0.0

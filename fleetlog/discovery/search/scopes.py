@@ -1,8 +1,7 @@
 """Whom and when: every number tried for kinds of trucks, parts of the time, and a truck's part of the time.
 
 The products of a number's column are summed by truck and by slot of time.  Those of any scope are sums of
-them, so that all sets of trucks that stand out, all pairs of a begin and an end, and a drift are compared at
-once."""
+them, so that all sets of trucks that stand out, all begins and ends, and a drift are compared at once."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,8 +34,7 @@ itself: of less, a time is told apart from a run of alike classes by the smaller
 @dataclass(frozen=True)
 class Column:
     """One column beside a model: products by slow fold F, truck V and slot S. ``cross`` (F, V, S, K) with the
-    model's columns, ``along`` (F, V, S) with the residual, ``own`` (F, V, S) with itself; ``unit`` of the
-    losses."""
+    model's columns, ``along`` (F, V, S) the residual, ``own`` (F, V, S) itself; ``unit`` of the losses."""
 
     model: Beside
     cross: NDArray[np.float32]

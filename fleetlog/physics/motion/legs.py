@@ -69,8 +69,7 @@ class SpeedProfile:
         return float(self.time[-1])
 
     def at(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Distance [m], speed [m/s] and acceleration [m/s2] at (M,) times [s] after setting off; at rest
-        outside."""
+        """Distance [m], speed [m/s], acceleration [m/s2] at (M,) times [s] from setting off; else at rest."""
         t, leave = np.asarray(time, dtype=np.float64), self.time + self.wait
         i = np.clip(np.searchsorted(leave, t, side="right") - 1, 0, max(len(leave) - 2, 0))
         span = self.time[i + 1] - leave[i]

@@ -90,8 +90,7 @@ def estimate_noise(observed: Observed, start: Noise, mean_over: float = 0.0) -> 
     if (np.isfinite(sample.speed).sum() <= 20 and len(names) == 1) or len(sample.t) < 20:
         return start
     # Trucks gather and shed speed at nearly constant rates, with sharp bends between; a Gaussian jerk
-    # cannot follow these and the likelihood would put them down to the speed channel, whose noise shows in
-    # its third differences.
+    # cannot follow these: they would pass for noise of the speed, which shows in its third differences.
     noise, bounds = replace(start, speed=max(speed_noise(sample), BENDS * mean_over)), BOUNDS
     if np.isfinite(sample.speed).mean() > 0.9 and np.median(np.diff(sample.t)) < SELDOM:
         noise, bounds = replace(noise, position=PATH), {**BOUNDS, "position": (PATH, BOUNDS["position"][1])}

@@ -66,8 +66,7 @@ class Reconstruction:
         """(W,) variance [J2] of the energy of every window that the doubt about speed and acceleration makes.
 
         ``power`` [W] of a motion; ``window`` (n,) number of the window of each sample, growing, -1 in none.
-        The slopes of power are those of secants one standard deviation to either side, so that its kink
-        counts for what it is."""
+        The slopes of power are those of secants one standard deviation to either side, over its kink."""
         from fleetlog.physics.motion.kernels.filter import energy_variance
 
         nodes, count = len(self.states.cov), int(window.max(initial=-1)) + 1

@@ -1,8 +1,7 @@
 """The hidden Markov model: what it believes, the likeliest sequence and every state's posterior.
 
 States of a group are its candidates and, last, "off the roads": those of group g begin at ptr[g] + g.
-Chances are probabilities but for a common factor; where a text says cost, it is a chance's negative
-logarithm."""
+Chances are probabilities but for a common factor; a cost is the negative logarithm of a chance."""
 
 import math
 from typing import Any, NamedTuple

@@ -82,10 +82,8 @@ def path_coordinate(
 
 
 @outer
-def stays(
-    t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_duration: float, out: Mask
-) -> None:
-    """Mark rows of a standstill: runs within ``radius`` of their running mean for ``min_duration``."""
+def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, shortest: float, out: Mask) -> None:
+    """Mark rows of a standstill: runs within ``radius`` of their running mean for ``shortest``."""
     n = len(t)
     i = 0
     while i < n:
@@ -96,7 +94,7 @@ def stays(
             sy += y[j]
             m += 1
             j += 1
-        if j - i > 2 and t[j - 1] - t[i] >= min_duration:
+        if j - i > 2 and t[j - 1] - t[i] >= shortest:
             # the ends of the run may still move: they are within the radius too
             margin = max((j - i) // 20, 1)
             for k in range(i + margin, j - margin):
