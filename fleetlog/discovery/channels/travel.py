@@ -102,7 +102,7 @@ class TravelAbout(About):
         if term is None:
             slope = UNIT["time"] * self.seconds
         elif term.acts == "wait":
-            place = self.channel.waits.at(self.own)
+            place = self.channel.waits.place[place]
             slope = self._shared(source.scope, np.asarray(self.own.share, float))
         else:
             first = term.parameters[0]

@@ -62,13 +62,13 @@ class Waits:
 def stands(laid: Sequence[Laid], seen: Sequence[Mask], lanes: Stretches) -> Floats:
     """Return the (5, C) stops and what counts at places, see :class:`Waits`, of the windows ``seen``, (W,)
     each. A truck with another in its way waits as well: of such passages only the standing counts."""
-    n, found = len(lanes), [np.zeros((3, 0))]
-    stops = np.zeros(n)
-    for (path, *_), use in zip(laid, seen, strict=True):
-        stops += np.bincount(lanes.at(path.motion)[0], use[path.of] & (path.standing > 0.0), n)
+    n, stops, found = len(lanes), np.zeros(len(lanes)), [np.zeros((3, 0))]
+    cells = [lanes.at(path.motion)[0] for path, *_ in laid]
+    for (path, *_), use, cell in zip(laid, seen, cells, strict=True):
+        stops += np.bincount(cell, use[path.of] & (path.standing > 0.0), n)
     waits = Waits(lanes, stops, np.zeros((4, n)))
-    for (path, *_), use in zip(laid, seen, strict=True):
-        place = waits.at(path)
+    for (path, *_), use, cell in zip(laid, seen, cells, strict=True):
+        place = waits.place[cell]
         node = (use & (~path.behind | path.alone(place)))[path.of]
         of, passed, _ = path.passages(place, waits.size)
         first, wait = np.flatnonzero(np.diff(of, prepend=-1)), np.bincount(of, node * path.standing)

@@ -146,7 +146,7 @@ def merged(block: Block, mean_of: float) -> Block:
 
 
 def by_window(of: Ints | Index, column: Ints | Index, values: Floats, count: int, width: int) -> Floats:
-    """Return sums of (n,) values by the window ``of`` each and its column, (count, width), -1 for none."""
+    """Return sums of (n,) values by the window ``of`` each and its column (-1: none), (count, width)."""
     on = column >= 0
     total = np.bincount(of[on] * width + column[on], values[on], count * width)
     return np.asarray(total.reshape(count, width), dtype=np.float64)
