@@ -8,7 +8,7 @@ import gc
 import hashlib
 import re
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -34,9 +34,18 @@ def kernel(**options: Any) -> Callable[[F], F]:
         kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
         if kept is not None:  # it is not kept, or numba was told not to compile
             kept._version = f"{kept._version} {stamp(Path(__file__).parent)}"
+            kept.save = partial(_save, kept)
         return made  # type: ignore[no-any-return]
 
     return compiled
+
+
+def _save(kept: Any, key: Any, data: Any) -> None:
+    """Keep the code for some types. numba numbers files and writes the index first: of two processes that
+    compile a kernel for two types at once, one would run the code that the other made, and die of it."""
+    name = kept._data_name_pattern.replace("{number:d}", hashlib.sha256(repr(key).encode()).hexdigest()[:16])
+    kept._save_data(name, data)
+    kept._save_index({**kept._load_index(), key: name})
 
 
 def _wide(kind: Any) -> Any:

@@ -71,12 +71,15 @@ def _run(
                 try:
                     early[number] = pipe.recv()
                 except (EOFError, OSError):  # it died
-                    _end({pipe: crew.pop(pipe)})
+                    dead = crew.pop(pipe)
+                    _end({pipe: dead})
                     crew.update([_start(work, name)])
                     deaths[number] += 1
                     waiting.append(number)
                     if deaths[number] == DEATHS:
-                        what, do = f"its worker died {DEATHS} times", "free memory, or use fewer --workers"
+                        what = f"its worker died {DEATHS} times (exit status {dead.exitcode})"
+                        do = "free memory, or use fewer --workers"  # the system kills what takes too much
+                        do = do if dead.exitcode == -signal.SIGKILL else "please report it"
                         early[waiting.pop()] = DataError(what, where=name(jobs[number]), do=do)
             while turn in early:
                 yield early.pop(turn)

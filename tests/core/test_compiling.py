@@ -63,6 +63,26 @@ def test_any_file_of_kernels_counts(tmp_path: Path) -> None:
     assert len(set(stamps)) == 4 and stamps[-1] == stamps[-2]
 
 
+def test_two_processes_that_compile_a_kernel_at_once_do_not_mix_up_its_types(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "twice.py").write_text(
+        "from fleetlog.compiling import kernel\n\n@kernel()\ndef first(values):\n    return values[0]\n"
+    )
+    import twice  # type: ignore[import-not-found]
+
+    ours, theirs = (kernel()(twice.first.py_func)._cache._cache_file for _ in range(2))
+    monkeypatch.setattr(theirs, "_load_index", dict)  # they read it before we wrote
+    for step in ("_load_index", "_save_index", "_save_data"):
+        ours.flush()
+        with monkeypatch.context() as patched:
+            done = getattr(ours, step)
+            patched.setattr(ours, step, lambda *a, done=done: (theirs.save("two", "their code"), done(*a))[1])
+            ours.save("one", "our code")
+        assert ours.load("one") in ("our code", None) and ours.load("two") in ("their code", None)
+
+
 def test_kernels_run_where_nothing_can_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
     assert kernel()(lambda x: x + 1)(6) == 7

@@ -75,7 +75,7 @@ class Reconstruction:
         by_change = self._secant(power, "acceleration", self.acceleration_sd)
         by_acceleration[self.node] = by_change * self.motion.dt
         near = window[np.minimum(np.searchsorted(self.node, np.arange(nodes)), len(self.node) - 1)]
-        moved = np.zeros(count)
+        near, moved = near.astype(np.int64, copy=False), np.zeros(count)
         energy_variance(self.states.cov, self.states.gain, by_speed, by_acceleration, near, moved)
         return np.asarray(moved + self._lift_variance(power, window, count))
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.compiling import inner, outer, sum_inner, sum_outer
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.physics.motion.rows import Codes
 
 Singles = NDArray[np.float32]
@@ -210,7 +210,7 @@ def jerk_scales(
 
 @outer
 def energy_variance(
-    cov: Floats, gain: Singles, by_speed: Floats, by_acceleration: Floats, window: Ints | Index, out: Floats,
+    cov: Floats, gain: Singles, by_speed: Floats, by_acceleration: Floats, window: Ints, out: Floats,
 ) -> None:  # fmt: skip
     """Variance of the sum over each window of ``by_speed`` v + ``by_acceleration`` a, (N,) each.
 
