@@ -35,8 +35,8 @@ from fleetlog.discovery.recording.turns import Turn, _map_explains, crossings, m
 from fleetlog.discovery.report.fields import Values, told
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
+from fleetlog.discovery.search import forward
 from fleetlog.discovery.search.beside import _best
-from fleetlog.discovery.search.forward import _at_junctions
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.settings import SETTINGS
@@ -426,23 +426,29 @@ def test_what_is_near_a_junction_alone_is_no_stretch_of_road(at: int, near: floa
 
 
 @pytest.mark.parametrize(
-    ("term", "large", "beside"),
+    ("term", "large", "size", "beside"),
     [
-        ("grade", {0: 0.02}, True), ("grade", {0: 0.02, 4: 0.02}, True), ("grade", {0: 0.02, 2: 0.02}, False),
-        ("grade", {0: 0.02, 2: 0.0075}, True), ("grade", {0: 0.02, 1: 0.02}, False), ("waiting", {0: 1.0}, False),
+        ("grade", {0: 0.02}, 1.0, True), ("grade", {0: 0.02, 4: 0.02}, 1.0, True),
+        ("grade", {0: 0.02, 2: 0.02}, 0.05, False), ("grade", {0: 0.02, 2: 0.0075}, 0.05, True),
+        ("grade", {0: 0.02, 2: 0.0075}, 1.0, False),  # what is elsewhere counts alone
+        ("grade", {0: 0.02, 1: 0.02}, 0.05, False), ("waiting", {0: 1.0}, 0.05, False),
     ],
 )  # fmt: skip
-def test_a_field_beside_junctions_alone_is_none(term: str, large: dict[int, float], beside: bool) -> None:
+def test_a_field_beside_junctions_alone_is_none(
+    term: str, large: dict[int, float], size: float, beside: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of five cells of 8 m some stand out; waits often are where roads meet."""
+    monkeypatch.setattr(forward, "size_of", lambda *_: SimpleNamespace(verified=size))
     stretches = make_stretches(network())
     deviation = np.full(len(stretches), 0.003)
     deviation[list(large)] = list(large.values())
     passes = np.arange(len(stretches)) < 5
-    channel = SimpleNamespace(cells=lambda _: stretches, passes=lambda _: passes)
-    joint = SimpleNamespace(
+    channel = SimpleNamespace(cells=lambda _: stretches, passes=lambda _: passes, place_error=0.04)
+    joint = cast(Joint, SimpleNamespace(
         chosen=[Hypothesis(term, field=True)], model=SimpleNamespace(fields={term: deviation})
-    )
-    assert _at_junctions(cast(Problem, SimpleNamespace(channel=channel)), cast(Joint, joint)) is beside
+    ))  # fmt: skip
+    problem = cast(Problem, SimpleNamespace(channel=channel))
+    assert forward._at_junctions(problem, joint, joint) is beside
 
 
 def test_a_stretch_gains_no_more_than_a_plausible_value_of_it() -> None:

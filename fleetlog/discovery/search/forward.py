@@ -103,6 +103,8 @@ def _best(
         name = next((j for j in counting if j.chosen[-1].term and j.score < reach), None)
         if name is not None and (first.chosen[-1].places or verified(_of_two(problem, name), first) < own):
             first = name
+        elif numbers := [j for j in ranked if j.chosen[-1].knobs and _repeats(problem, sums, now, first, j)]:
+            first = numbers[0]  # Both count or neither, and the curve does
     if first is not None:
         first, ranked = _timed(problem, now, first, ranked)
         found.rivals[first.chosen[-1].kind] = _rivals(problem, now, first, ranked)
@@ -126,9 +128,10 @@ def _counting(
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
-        # Nor are simpler shapes told of a field that stands out beside junctions, and says more.
-        alike = (o for o in worth if o.chosen[-1].term == joint.chosen[-1].term and o.score <= joint.score)
-        if any(_at_junctions(problem, o) for o in alike):
+        # Nor are simpler shapes told of a field that stands out beside junctions, and says far more.
+        alike = [o for o in worth if o.chosen[-1].term == joint.chosen[-1].term and o.score <= joint.score]
+        more = [o for o in alike if o is joint or now.score - joint.score < MOST * (now.score - o.score)]
+        if any(_at_junctions(problem, now, o) for o in more):
             continue
         if any(_is_part_of(joint, other) for other in worth) or any(
             _follows(problem, sums, now, joint, o) for o in ranked
@@ -145,9 +148,16 @@ def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Join
     at_places = h.placed and o.curve is not None
     numbers = h.knobs and o.knobs and h.scope.whole and o.scope.whole and not {*h.knobs} & {*o.knobs}
     margin = problem.settings.evidence * (1.0 if at_places else -1.0)
-    if not (at_places or numbers) or other.score >= joint.score + margin or on_bound(problem, other):
+    return bool(at_places or numbers) and _repeats(problem, sums, now, joint, other, margin)
+
+
+def _repeats(
+    problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Joint, margin: float = 0.0
+) -> bool:
+    """Whether a hypothesis mostly repeats another, plausible one that is no worse by more than a margin."""
+    if other.score >= joint.score + margin or on_bound(problem, other):
         return False
-    both = refit(problem, now.model, [*other.chosen, h], 1, sums)
+    both = refit(problem, now.model, [*other.chosen, joint.chosen[-1]], 1, sums)
     return other.score - both.score < OWN * (now.score - joint.score)
 
 
@@ -300,9 +310,9 @@ def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> boo
     return bool((values <= first.low).any() or (values >= first.high).any())
 
 
-def _at_junctions(problem: Problem, joint: Joint) -> bool:
-    """Whether a field stands out mostly beside junctions, as no pattern may: there it is not told from how
-    they are crossed, nor from where within them another effect begins."""
+def _at_junctions(problem: Problem, now: Joint, joint: Joint) -> bool:
+    """Whether a field stands out mostly beside junctions, as no pattern may, and the rest does not count:
+    there it is not told from how they are crossed, nor from where within them another effect begins."""
     term = joint.chosen[-1].physics if joint.chosen[-1].field else None
     cells = problem.channel.cells(term) if term is not None and term.acts != "wait" else None
     if term is None or not isinstance(cells, Stretches):
@@ -314,7 +324,9 @@ def _at_junctions(problem: Problem, joint: Joint) -> bool:
     ends = np.array([(r[0], r[-1] + 1) for r in runs])
     brief = cells.brief(ends[:, 0], ends[:, 1], REACH)
     at_ends = sum(weight[r].sum() for r, short in zip(runs, brief, strict=True) if short)
-    return bool(at_ends > OWN * weight[large].sum())
+    share = at_ends / max(weight[large].sum(), 1e-12)
+    rest = size_of(problem, now, joint).verified * np.sqrt(1.0 - share) if share > OWN else np.inf
+    return bool(rest < problem.channel.place_error)
 
 
 def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
