@@ -48,7 +48,9 @@ def judge(
         one, two = (energy - other, new) if h in without else (new, energy - other)
         chance = p_value(one - concealed, one - two, cluster, miss)
         told[h] = Errors(channel.metric, error(one), error(two), chance)
-    floor = _floor(problem, before, share)
+    # Noise is what it is: what is left beside it of a model that says less only makes the floor too high.
+    floors = [_floor(problem, m, share) for m in (before, after.model)[: 1 + (before is not after.model)]]
+    floor = min((f for f in floors if f is not None), default=None)
     fit = ChannelFit(channel.name, channel.metric, error(left), error(new), floor and floor / size)
     if strongest:
         alone, hidden, other, more = pooled[2 + 2 * len(beside) : 2 * len(fits)]
