@@ -40,20 +40,23 @@ def search(problem: Problem, nominal: Model) -> Search:
     base = refit(problem, nominal, [])
     found = Search(base, base)
     while len(found.joint.chosen) < problem.settings.most_findings:
-        sums = problem.sums(found.joint.model, list(dict.fromkeys([*problem.rest, *found.joint.chosen])))
-        now = tuned(problem, sums, found.joint.model, found.joint.chosen)
-        better = _step(problem, sums, now, found)
+        now, better = _step(problem, found)
         if better is None:
             if now.chosen != found.joint.chosen:
                 found.joint = refit(problem, found.joint.model, now.chosen)
             break
-        anew = problem.learn_anew(better.model, better.chosen, float(better.losses.sum()))
-        found.joint = refit(problem, better.model, better.chosen) if anew else better
+        if problem.learn_anew(better.model, better.chosen, float(better.losses.sum())):
+            # Rivals that noise seemed to hide are told apart now: the step is taken once more.
+            found.joint = refit(problem, found.joint.model, found.joint.chosen)
+            better = _step(problem, found)[1] or refit(problem, better.model, better.chosen)
+        found.joint = better
     return _shaped(problem, _pruned(problem, found))
 
 
-def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | None:
-    """Return the model with the best hypothesis added, None where none is worth it."""
+def _step(problem: Problem, found: Search) -> tuple[Joint, Joint | None]:
+    """Return the model as it fits best, and with the best hypothesis added, None where none is worth it."""
+    sums = problem.sums(found.joint.model, list(dict.fromkeys([*problem.rest, *found.joint.chosen])))
+    now = tuned(problem, sums, found.joint.model, found.joint.chosen)
     screened = screen(problem, sums, now, _candidates(problem, sums, now))
     screened = sorted([*screened, *scoped(problem, now, screened)], key=lambda s: -s.gain)
     if found.best_untold is None and screened:
@@ -61,11 +64,11 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
     worth = [s for s in screened if _significant(problem, now, s)]
     better = _best(problem, sums, now, found, screened, worth)
     if better is not None:
-        return better
+        return now, better
     # What gains most may be spread thinly over the site, and not count; waits gain less, at few places.
     waits = [s for s in worth if s.hypothesis.physics is not None and s.hypothesis.physics.acts == "wait"]
     better = _best(problem, sums, now, found, screened, waits) if waits else None
-    return better or _at_times(problem, now, found)
+    return now, better or _at_times(problem, now, found)
 
 
 def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
@@ -282,13 +285,13 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
     error may exchange. That error is alike in all trucks and hours, so between a part of them and all of them
     evidence decides."""
 
+    part = min((j.score for j in ranked if not j.chosen[-1].scope.whole), default=np.inf)
+
     def order(j: Joint) -> tuple[int, float]:
         """Numbers before places before fields before free curves; last what is not equal to the best."""
-        h, best = j.chosen[-1], ranked[0]
-        wider = h.scope.whole and not best.chosen[-1].scope.whole
-        if wider and j.score - best.score > problem.settings.evidence:
-            return 6, j.score
-        if verified(j, best) >= problem.channel.model_error:
+        h = j.chosen[-1]
+        behind = h.scope.whole and j.score - part > problem.settings.evidence
+        if behind or verified(j, ranked[0]) >= problem.channel.model_error:
             return 6, j.score
         of_numbers = bool(h.scope.vehicles) + h.scope.timed
         return of_numbers if h.knobs else 3 if h.patterns else 4 if h.field and h.term else 5, j.score
