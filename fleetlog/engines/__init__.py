@@ -3,7 +3,9 @@
 An engine does jobs, in any order, and gives their results in the order of the jobs."""
 
 import os
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
@@ -31,6 +33,10 @@ class Engine:
     def pays(self, cost: float) -> bool:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
         return False
+
+    def threads(self, cost: float) -> int:
+        """Return how many threads of this process are worth having for ``cost`` seconds of work in C."""
+        return 0
 
     def run(
         self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str,
@@ -72,6 +78,32 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | Failure:
         inner = getattr(work, "__wrapped__", getattr(work, "func", work))
         called = str(getattr(inner, "__name__", type(inner).__name__)).strip("_").replace("_", " ")
         return DataError(fault(called, error), where=name(job), do="please report it")
+
+
+def threaded(work: Callable[[J], R], jobs: Iterable[J], threads: int) -> Generator[R, None, None]:
+    """Yield ``work(job)`` of every job in the order of ``jobs``, done by threads ahead of who takes it; where
+    there are none, when it is asked for. An error of ``jobs`` itself is raised in its turn too."""
+    if not threads:
+        yield from map(work, jobs)
+        return
+    waiting: deque[Future[R]] = deque()
+    pool, drawn = ThreadPoolExecutor(threads), iter(jobs)
+    try:
+        while True:
+            try:
+                waiting.append(pool.submit(work, next(drawn)))
+            except StopIteration:
+                break
+            except Exception as error:
+                waiting.append(Future())
+                waiting[-1].set_exception(error)
+                break
+            if len(waiting) > 2 * threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 _current: ContextVar[Engine] = ContextVar("engine", default=Engine())  # noqa: B039 - it holds no state

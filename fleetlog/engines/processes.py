@@ -37,6 +37,10 @@ class Processes(Engine):
         """Return whether the work is more than starting processes."""
         return self.workers > 1 and (self.always or cost > START)
 
+    def threads(self, cost: float) -> int:
+        """As many as processes; none within a worker."""
+        return self.workers if self.pays(cost) and not multiprocessing.current_process().daemon else 0
+
     def _done(
         self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks
     ) -> Iterator[R | Failure]:

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -41,7 +42,7 @@ class Block:
 
     def lines(self, rows: int) -> Ints:
         """Numbers of the lines that are not blank: all, where they are as many as the ``rows`` read."""
-        if rows == self.text.count(b"\n") + (not self.text.endswith(b"\n")):
+        if rows == count_of(b"\n", self.text) + (not self.text.endswith(b"\n")):
             return np.arange(self.first, self.first + rows)
         raw = np.frombuffer(self.text + b"\n", np.uint8)
         ends = np.flatnonzero(raw == ord("\n"))
@@ -55,6 +56,11 @@ class Block:
             return []
         lines = self.text.decode("utf-8", "replace").split("\n")
         return [lines[n - self.first].rstrip("\r") for n in numbers]
+
+
+def count_of(byte: bytes, text: bytes, end: int = -1) -> int:
+    """How often a byte comes in a text: where it is frequent, in a quarter of the time of ``bytes.count``."""
+    return int(np.count_nonzero(np.frombuffer(text, np.uint8, end) == byte[0]))
 
 
 def guess_encoding(head: bytes) -> str:
@@ -89,7 +95,7 @@ def blocks(path: Path, encoding: str, report: ReadReport) -> Iterator[Block]:
             end = last if ended else _end_of_record(text, last)
             if end:
                 yield Block(text[:end], first, share())
-                first += text.count(b"\n", 0, end)
+                first += count_of(b"\n", text, end)
             rest = text[end:]
             if len(text) - last > LONGEST:
                 what, place = f"the line is longer than {LONGEST >> 20} MB", first + rest.count(b"\n")
@@ -100,7 +106,7 @@ def blocks(path: Path, encoding: str, report: ReadReport) -> Iterator[Block]:
 
 def _end_of_record(text: bytes, last: int) -> int:
     """The last line end outside of quotes; ``last``, the end of the last line, where quotes make no sense."""
-    end, odd = last, text.count(b'"', 0, last) % 2
+    end, odd = last, b'"' in text and count_of(b'"', text, last) % 2
     while odd and last - end < TORN:
         line = text.rfind(b"\n", 0, end - 1) + 1
         odd ^= text.count(b'"', line, end) % 2
@@ -125,7 +131,10 @@ def with_line_feeds(text: bytes, report: ReadReport) -> bytes:
     """The text with carriage returns that stand alone as line ends, or as blanks where they lie inside a row.
     A row that is whole only together with what follows the carriage return holds a stray one; whether it is
     whole is told by the usual number of separators in a line."""
-    if b"\r" not in text or text.count(b"\r") == text.count(b"\r\n"):
+    if b"\r" not in text:
+        return text
+    raw = np.frombuffer(text + b" ", np.uint8)
+    if (raw[np.flatnonzero(raw == ord("\r")) + 1] == ord("\n")).all():
         return text
     if b"\n" not in text:
         return text.replace(b"\r", b"\n")
@@ -199,6 +208,12 @@ class TableReader:
                     self._first = self._arrow(text, self._types)
                     return
 
+    def beside(self, report: ReadReport) -> "TableReader":
+        """One that can read at the same time, and tells another report."""
+        other = copy(self)
+        other.report = report
+        return other
+
     def read(self, block: Block) -> tuple[pa.Table, Ints, list[Reject]]:
         """The table of a block, the line of every row, and the lines with too many or too few fields."""
         table, self._first = self._first, None
@@ -236,7 +251,7 @@ class TableReader:
             column_types=types, null_values=self.nulls, strings_can_be_null=True,
             decimal_point=self.decimal, timestamp_parsers=["-"], check_utf8=False,
         )  # fmt: skip
-        return pv.read_csv(io.BytesIO(text or b"\n"), read, parse, convert)
+        return pv.read_csv(pa.BufferReader(text or b"\n"), read, parse, convert)
 
     def _one_by_one(self, block: Block) -> tuple[bytes, list[int], list[Reject]]:
         """The rows that are whole, quoted anew, with their lines, and what is refused."""

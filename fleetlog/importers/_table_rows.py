@@ -1,10 +1,10 @@
 """Arrow tables to batches: known columns, times, units, and the rows that do not fit."""
 
 from collections.abc import Callable
+from copy import copy
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Labels, Values
@@ -33,8 +33,32 @@ class TableRows:
         self.clock = Clock(fields)
         self._missing = Source("", sentinels=fields.profile.sentinels)
         self._percent = False
+        self._begun: object = None
         self._figures_of: dict[str, bool] = {}
         """Whether an own column holds figures; it is not known before its first value."""
+
+    @property
+    def learnt(self) -> tuple[object, ...]:
+        """What the rows so far have shown of the whole file."""
+        return self._percent, {**self._figures_of}, self.clock.style
+
+    def beside(self, report: ReadReport) -> "TableRows":
+        """One that can make batches at the same time, and tells another report."""
+        other = copy(self)
+        other.report, other.clock, other._begun = report, self.clock.beside(report), self.learnt
+        other._figures_of = {**self._figures_of}
+        return other
+
+    def learn(self, other: "TableRows") -> bool:
+        """Go on from what another made beside this one; False where that began from what no longer holds."""
+        if other._begun != self.learnt or other.clock.ordered:
+            return False
+        self.report.take(other.report)
+        self._percent, self._figures_of = other._percent, other._figures_of
+        self.clock.style = other.clock.style
+        if self.clock.local and other.clock.local:
+            self.clock.local.last |= other.clock.local.last
+        return True
 
     def batch(
         self, table: pa.Table, record: Ints, texts: Callable[[list[int]], list[str]],
@@ -45,12 +69,12 @@ class TableRows:
         columns = self._columns(table, bad)
         vehicle = self._vehicles(table)
         time = self.clock.times(table, vehicle)
-        reason = self._reasons(table, time, vehicle, bad)
+        reasons = self._reasons(table, time, vehicle, bad)
+        keep = reasons.codes < 0
         for name in bad.keys() - {*_MUST}:
-            rejects += _refused(record, bad[name] & (reason == ""), f"{name} is not a number", texts, False)
-        keep = reason == ""
-        for why in set(reason[~keep].tolist()):
-            rejects += _refused(record, reason == why, why, texts)
+            rejects += _refused(record, bad[name] & keep, f"{name} is not a number", texts, False)
+        for code in set(reasons.codes[~keep].tolist()):
+            rejects += _refused(record, reasons.codes == code, reasons.names[code], texts)
         if not keep.all():
             columns = {n: v[keep] for n, v in columns.items()}
             vehicle, time, record = vehicle[keep], time[keep], record[keep]
@@ -110,23 +134,23 @@ class TableRows:
         found = labels(table.column(self.fields.vehicle))
         return renamed(found, [name.strip() or None for name in found.names])
 
-    def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> NDArray[np.str_]:
-        """Why each row is refused; empty where it is not."""
-        reason = np.full(len(time), "", dtype="<U64")
-        reason[vehicle.codes < 0] = "the vehicle id is missing"
-        reason[time == NONE] = UNREADABLE
-        reason[(time == NONE) & self.clock.missing] = MISSING
-        reason[(time == NONE) & self.clock.skipped] = SKIPPED
-        for name in bad.keys() & {*_MUST}:
-            reason[bad[name]] = f"{name} is not a number"
+    def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> Labels:
+        """Why each row is refused; null where it is not."""
         again = np.ones(len(time), bool)
         for name in self.fields.names:
             chunk = table.column(name)
             if again.any():
                 text = pa.types.is_string(chunk.type)
                 again &= np.asarray(chunk.to_pandas() == name, dtype=bool) if text else False
-        reason[again] = "the header line again"
-        return reason
+        none, clock = time == NONE, self.clock
+        found = {"the vehicle id is missing": vehicle.codes < 0, UNREADABLE: none}
+        found |= {MISSING: none & clock.missing, SKIPPED: none & clock.skipped}
+        found |= {f"{name} is not a number": bad[name] for name in _MUST if name in bad}
+        found |= {"the header line again": again}
+        codes = np.full(len(time), -1, np.int32)
+        for code, mask in enumerate(found.values()):
+            codes[mask] = code
+        return Labels(codes, tuple(found))
 
 
 def _refused(

@@ -7,10 +7,14 @@ typed; a block with a cell that does not fit its type is read again as text and 
 import re
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing, suppress
+from copy import deepcopy
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
+from fleetlog import engines
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_table import Block, TableReader, blocks, cells_of, guess_encoding, rows_of
 from fleetlog.importers._fields import Fields, fields_of
@@ -23,6 +27,7 @@ from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 DELIMITERS = ",;\t|"
 _COMMA, _POINT = re.compile(r"[+-]?\d*,\d+"), re.compile(r"[+-]?\d*\.\d+")
+BYTE_COST = 2e-8  # To read a byte of a log, which may be packed, about [s]
 SAMPLE = 100  # Rows that tell how many fields a row has
 _OTHERS = ("{", "[", "<", "$", "!", "%PDF", "\\")
 
@@ -42,21 +47,60 @@ def sniff(path: Path, head: bytes) -> bool:
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Rows of a delimited file; the number of a row is that of its line."""
     profile, report = options.profile or Profile(), options.report
-    encoding = _encoding(path, profile, report)
-    rows: TableRows | None = None
-    for block in blocks(path, encoding, report):
-        if rows is None:
-            reader, block = _begin(block, path, profile, report)
-            if reader.fields.vehicle is None and options.vehicle is None:
-                named = f"every row is of vehicle {options.name!r}, after the file's name"
-                report.note(f"no column of vehicle ids: {named}")
-            rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
-        if block.text:
-            table, lines, rejects = reader.read(block)
-            yield rows.batch(table, lines, block.texts, rejects, block.progress)
-    if rows is None:
+    encoding, said = _encoding(path, profile, report), ReadReport(path)
+    source = blocks(path, encoding, said)
+    first = next(source, None)
+    report.take(said)
+    if first is None:
         raise FormatError("the file is empty", where=path, do="give a log with rows")
+    reader, block = _begin(first, path, profile, report)
+    if reader.fields.vehicle is None and options.vehicle is None:
+        named = f"every row is of vehicle {options.name!r}, after the file's name"
+        report.note(f"no column of vehicle ids: {named}")
+    rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
+    if block.text:
+        yield _batch(reader, rows, block)
+    threads = engines.current().threads(BYTE_COST * path.stat().st_size)
+
+    def guesses() -> Iterator[_Guess]:
+        for block in source:
+            heard, own = deepcopy(said), ReadReport(path)
+            if not threads or rows.clock.ordered:
+                yield _Guess(block, heard)
+            else:
+                yield _Guess(block, heard, reader.beside(own), rows.beside(own))
+
+    with closing(engines.threaded(_guessed, guesses(), threads)) as guessed:
+        for guess, batch in guessed:
+            report.take(guess.heard)
+            if batch is None or guess.rows is None or not rows.learn(guess.rows):
+                batch = _batch(reader, rows, guess.block)
+            yield batch
+    report.take(said)
     rows.clock.close()
+
+
+class _Guess(NamedTuple):
+    """A block, what was said until it was found, and what reads it as if the blocks before it, which other
+    threads are at, showed nothing new of the file."""
+
+    block: Block
+    heard: ReadReport
+    reader: TableReader | None = None
+    rows: TableRows | None = None
+
+
+def _guessed(guess: _Guess) -> tuple[_Guess, RawBatch | None]:
+    """What a block is read as; None where it is left to its turn, as where it cannot be read."""
+    if guess.reader is not None and guess.rows is not None:
+        with suppress(Exception):
+            return guess, _batch(guess.reader, guess.rows, guess.block)
+    return guess, None
+
+
+def _batch(reader: TableReader, rows: TableRows, block: Block) -> RawBatch:
+    table, lines, rejects = reader.read(block)
+    return rows.batch(table, lines, block.texts, rejects, block.progress)
 
 
 def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
