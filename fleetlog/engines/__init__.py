@@ -4,7 +4,7 @@ An engine does jobs, in any order, and gives their results in the order of the j
 
 import os
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -80,29 +80,26 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | Failure:
         return DataError(fault(called, error), where=name(job), do="please report it")
 
 
-def threaded(work: Callable[[J], R], jobs: Iterable[J], threads: int) -> Generator[R, None, None]:
-    """Yield ``work(job)`` of every job in the order of ``jobs``, done by threads ahead of who takes it; where
-    there are none, when it is asked for. An error of ``jobs`` itself is raised in its turn too."""
+def threaded(work: Callable[[J], R], jobs: Iterator[J], threads: int) -> Generator[R, None, None]:
+    """Yield ``work(job)`` of every job, none of which is None, in their order: done by threads ahead of who
+    takes it, a few each, while one more draws the jobs; where there are none, when it is asked for."""
     if not threads:
         yield from map(work, jobs)
         return
-    waiting: deque[Future[R]] = deque()
-    pool, drawn = ThreadPoolExecutor(threads), iter(jobs)
+
+    def done(job: Future[J | None]) -> R | None:
+        return None if (drawn := job.result()) is None else work(drawn)
+
+    drawing, pool, waiting = ThreadPoolExecutor(1), ThreadPoolExecutor(threads), deque[Future[R | None]]()
     try:
         while True:
-            try:
-                waiting.append(pool.submit(work, next(drawn)))
-            except StopIteration:
-                break
-            except Exception as error:
-                waiting.append(Future())
-                waiting[-1].set_exception(error)
-                break
-            if len(waiting) > 2 * threads:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+            while len(waiting) <= 2 * threads:
+                waiting.append(pool.submit(done, drawing.submit(next, jobs, None)))
+            if (result := waiting.popleft().result()) is None:
+                return
+            yield result
     finally:
+        drawing.shutdown(cancel_futures=True)
         pool.shutdown(cancel_futures=True)
 
 

@@ -1,7 +1,6 @@
 """The cells of a delimited log: numbers, and its times, whose way of writing the first rows decide."""
 
 import re
-from copy import copy
 from datetime import UTC, datetime
 
 import numpy as np
@@ -13,7 +12,6 @@ from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError, InputError
 from fleetlog.importers import _times
 from fleetlog.importers._fields import Fields
-from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import has_date
 from fleetlog.importers._units import EPOCH_UNITS
 
@@ -29,17 +27,6 @@ class Clock:
         self.days: _times.Days | None = None
         self.missing: Mask = np.zeros(0, bool)
         self.skipped: Mask = np.zeros(0, bool)
-
-    @property
-    def ordered(self) -> bool:
-        """Whether times have been told apart by their order: then each table needs those before it."""
-        return self.days is not None or (self.local is not None and self.local.twice > 0)
-
-    def beside(self, report: ReadReport) -> "Clock":
-        """One that can read at the same time, and tells another report."""
-        other = copy(self)
-        other.report, other.local = report, self.local and _times.LocalClock(self.local.zone)
-        return other
 
     def times(self, table: pa.Table, vehicle: Labels) -> Ints:
         """(N,) microseconds UTC; ``NONE`` where a cell cannot be read."""

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from copy import copy
+from copy import deepcopy
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -33,11 +33,13 @@ _SEPARATORS = bytes.maketrans(b";\t|", b",,,")
 
 @dataclass(frozen=True)
 class Block:
-    """Whole lines from number ``first`` (from 1); ``cut``: the last one lacks its line end."""
+    """Whole lines from number ``first`` (from 1); ``cut``: the last one lacks its line end. ``report`` is of
+    the file up to here: threads may read the next blocks before this one has its turn."""
 
     text: bytes
     first: int
     progress: float
+    report: ReadReport
     cut: bool = False
 
     def lines(self, rows: int) -> Ints:
@@ -78,8 +80,9 @@ def guess_encoding(head: bytes) -> str:
     return "utf-8"
 
 
-def blocks(path: Path, encoding: str, report: ReadReport) -> Iterator[Block]:
+def blocks(path: Path, encoding: str) -> Iterator[Block]:
     """The file, block by block; carriage returns alone end lines too (:func:`with_line_feeds`)."""
+    report = ReadReport(path)
     stream, share = open_bytes(path, report)
     decoder = codecs.getincrementaldecoder(encoding)(errors="replace") if encoding != "utf-8" else None
     rest, first, ended = b"", 1, False
@@ -94,14 +97,14 @@ def blocks(path: Path, encoding: str, report: ReadReport) -> Iterator[Block]:
             last = text.rfind(b"\n") + 1
             end = last if ended else _end_of_record(text, last)
             if end:
-                yield Block(text[:end], first, share())
+                yield Block(text[:end], first, share(), deepcopy(report))
                 first += count_of(b"\n", text, end)
             rest = text[end:]
             if len(text) - last > LONGEST:
                 what, place = f"the line is longer than {LONGEST >> 20} MB", first + rest.count(b"\n")
                 raise FormatError(what, where=path, place=f"line {place}", do="check the format")
         if rest:
-            yield Block(rest, first, 1.0, cut=True)
+            yield Block(rest, first, 1.0, report, cut=True)
 
 
 def _end_of_record(text: bytes, last: int) -> int:
@@ -181,8 +184,7 @@ class TableReader:
     """Blocks of a file to tables with the columns of ``fields``; :meth:`decide` comes first."""
 
     def __init__(self, fields: Fields, delimiter: str, decimal: str) -> None:
-        self.fields, self.report = fields, fields.report
-        self.delimiter, self.decimal = delimiter, decimal
+        self.fields, self.delimiter, self.decimal = fields, delimiter, decimal
         sentinels = [*fields.profile.sentinels, *(s for c in fields.columns.values() for s in c.sentinels)]
         self.nulls = NULLS + [s for s in sentinels if isinstance(s, str)]
         self.angles: set[str] = set()  # Columns of latitude and longitude that hold text
@@ -208,12 +210,6 @@ class TableReader:
                     self._first = self._arrow(text, self._types)
                     return
 
-    def beside(self, report: ReadReport) -> "TableReader":
-        """One that can read at the same time, and tells another report."""
-        other = copy(self)
-        other.report = report
-        return other
-
     def read(self, block: Block) -> tuple[pa.Table, Ints, list[Reject]]:
         """The table of a block, the line of every row, and the lines with too many or too few fields."""
         table, self._first = self._first, None
@@ -231,7 +227,7 @@ class TableReader:
             block.text.decode("utf-8")
         except UnicodeDecodeError as error:
             line = block.first + block.text.count(b"\n", 0, error.start)
-            self.report.note(f"line {line} is not UTF-8; what is not is read as cp1252")
+            block.report.note(f"line {line} is not UTF-8; what is not is read as cp1252")
             return block.text.decode("utf-8", "fleetlog.cp1252").encode("utf-8", "replace")
         return block.text
 
@@ -260,7 +256,7 @@ class TableReader:
         numbers: list[int] = []
         rejects: list[Reject] = []
         lines = self._as_utf8(block).decode("utf-8", "replace").replace("\r\n", "\n").split("\n")
-        for at, line, cells in self._records(lines, block.first):
+        for at, line, cells in self._records(lines, block):
             more = len(cells) - len(names)
             if more == 1 and line.endswith(self.delimiter):
                 cells.pop()
@@ -271,21 +267,21 @@ class TableReader:
                 writer.writerow(cells)
                 if more:
                     what = "an empty field more or less at their end"
-                    self.report.note(f"some rows have {what}: taken all the same")
+                    block.report.note(f"some rows have {what}: taken all the same")
                 continue
             reason = f"the line has {'fewer' if more < 0 else 'more'} fields than the header"
             if block.cut and more < 0 and at == block.first + len(lines) - 1:
                 reason = "the line is cut off"
                 whole = f"{len(numbers) + len(rejects)} lines before it in its block are whole"
-                self.report.damaged(f"the last line ({at}) is cut off; {whole}")
+                block.report.damaged(f"the last line ({at}) is cut off; {whole}")
             rejects.append(Reject(at, reason, line))
         return out.getvalue().encode(), numbers, rejects
 
-    def _records(self, lines: list[str], first: int) -> Iterator[tuple[int, str, list[str]]]:
+    def _records(self, lines: list[str], block: Block) -> Iterator[tuple[int, str, list[str]]]:
         """Number, text and cells of every record; a quote that swallows whole rows is passed over."""
         delimiter, at, closed = self.delimiter, 0, True
         while at < len(lines):
-            line, number, end = lines[at], first + at, at + 1
+            line, number, end = lines[at], block.first + at, at + 1
             cells = cells_of(line, delimiter)
             if line.count('"') % 2:
                 end = next((k + 1 for k in range(end, len(lines)) if lines[k].count('"') % 2), at)
@@ -295,7 +291,7 @@ class TableReader:
                 else:
                     if closed:
                         what = f"quotation marks from line {number} on are not closed"
-                        self.report.damaged(f"{what}: read line by line")
+                        block.report.damaged(f"{what}: read line by line")
                     cells, end, closed = line.replace('"', "").split(delimiter), at + 1, False
             if line:
                 yield number, line, cells

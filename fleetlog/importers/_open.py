@@ -41,10 +41,8 @@ class ReadReport:
     def take(self, other: "ReadReport") -> None:
         """Say what another report of the file says."""
         self.recognised |= other.recognised
-        for text in other.notes:
-            self.note(text)
-        for text in other.damage:
-            self.damaged(text)
+        self.notes += [text for text in other.notes if text not in self.notes]
+        self.damage += [text for text in other.damage if text not in self.damage]
 
     def nothing(self, what: str, do: str = "check the format") -> FormatError:
         """The error for a file that gave no row: what it holds, and the first damage that was met."""

@@ -1,7 +1,6 @@
 """Arrow tables to batches: known columns, times, units, and the rows that do not fit."""
 
 from collections.abc import Callable
-from copy import copy
 
 import numpy as np
 import pyarrow as pa
@@ -33,32 +32,8 @@ class TableRows:
         self.clock = Clock(fields)
         self._missing = Source("", sentinels=fields.profile.sentinels)
         self._percent = False
-        self._begun: object = None
         self._figures_of: dict[str, bool] = {}
         """Whether an own column holds figures; it is not known before its first value."""
-
-    @property
-    def learnt(self) -> tuple[object, ...]:
-        """What the rows so far have shown of the whole file."""
-        return self._percent, {**self._figures_of}, self.clock.style
-
-    def beside(self, report: ReadReport) -> "TableRows":
-        """One that can make batches at the same time, and tells another report."""
-        other = copy(self)
-        other.report, other.clock, other._begun = report, self.clock.beside(report), self.learnt
-        other._figures_of = {**self._figures_of}
-        return other
-
-    def learn(self, other: "TableRows") -> bool:
-        """Go on from what another made beside this one; False where that began from what no longer holds."""
-        if other._begun != self.learnt or other.clock.ordered:
-            return False
-        self.report.take(other.report)
-        self._percent, self._figures_of = other._percent, other._figures_of
-        self.clock.style = other.clock.style
-        if self.clock.local and other.clock.local:
-            self.clock.local.last |= other.clock.local.last
-        return True
 
     def batch(
         self, table: pa.Table, record: Ints, texts: Callable[[list[int]], list[str]],

@@ -7,12 +7,10 @@ typed; a block with a cell that does not fit its type is read again as text and 
 import re
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, suppress
-from copy import deepcopy
+from contextlib import closing
 from io import BytesIO
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
-from typing import NamedTuple
 
 from fleetlog import engines
 from fleetlog.errors import FormatError, InputError, nearest
@@ -47,60 +45,24 @@ def sniff(path: Path, head: bytes) -> bool:
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Rows of a delimited file; the number of a row is that of its line."""
     profile, report = options.profile or Profile(), options.report
-    encoding, said = _encoding(path, profile, report), ReadReport(path)
-    source = blocks(path, encoding, said)
-    first = next(source, None)
-    report.take(said)
-    if first is None:
+    encoding = _encoding(path, profile, report)
+    source = blocks(path, encoding)
+    if (first := next(source, None)) is None:
         raise FormatError("the file is empty", where=path, do="give a log with rows")
+    report.take(first.report)
     reader, block = _begin(first, path, profile, report)
+    report.take(block.report)
     if reader.fields.vehicle is None and options.vehicle is None:
         named = f"every row is of vehicle {options.name!r}, after the file's name"
         report.note(f"no column of vehicle ids: {named}")
     rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
-    if block.text:
-        yield _batch(reader, rows, block)
+    parts = chain([block] if block.text else [], source)
     threads = engines.current().threads(BYTE_COST * path.stat().st_size)
-
-    def guesses() -> Iterator[_Guess]:
-        for block in source:
-            heard, own = deepcopy(said), ReadReport(path)
-            if not threads or rows.clock.ordered:
-                yield _Guess(block, heard)
-            else:
-                yield _Guess(block, heard, reader.beside(own), rows.beside(own))
-
-    with closing(engines.threaded(_guessed, guesses(), threads)) as guessed:
-        for guess, batch in guessed:
-            report.take(guess.heard)
-            if batch is None or guess.rows is None or not rows.learn(guess.rows):
-                batch = _batch(reader, rows, guess.block)
-            yield batch
-    report.take(said)
+    with closing(engines.threaded(lambda block: (block, reader.read(block)), parts, threads)) as tables:
+        for block, (table, lines, rejects) in tables:
+            report.take(block.report)
+            yield rows.batch(table, lines, block.texts, rejects, block.progress)
     rows.clock.close()
-
-
-class _Guess(NamedTuple):
-    """A block, what was said until it was found, and what reads it as if the blocks before it, which other
-    threads are at, showed nothing new of the file."""
-
-    block: Block
-    heard: ReadReport
-    reader: TableReader | None = None
-    rows: TableRows | None = None
-
-
-def _guessed(guess: _Guess) -> tuple[_Guess, RawBatch | None]:
-    """What a block is read as; None where it is left to its turn, as where it cannot be read."""
-    if guess.reader is not None and guess.rows is not None:
-        with suppress(Exception):
-            return guess, _batch(guess.reader, guess.rows, guess.block)
-    return guess, None
-
-
-def _batch(reader: TableReader, rows: TableRows, block: Block) -> RawBatch:
-    table, lines, rejects = reader.read(block)
-    return rows.batch(table, lines, block.texts, rejects, block.progress)
 
 
 def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
@@ -134,7 +96,7 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
     decimal = profile.decimal or find_decimal(lines[:20], delimiter, report)
     reader = TableReader(lay_out(names, profile, report), delimiter, decimal)
     text = b"".join(block.text.split(b"\n", skip)[skip:])
-    block = Block(text, block.first + skip, block.progress, block.cut)
+    block = Block(text, block.first + skip, block.progress, block.report, block.cut)
     reader.decide(block)
     return reader, block
 

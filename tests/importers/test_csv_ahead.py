@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import time
 from collections.abc import Iterator
 from dataclasses import astuple
 from datetime import datetime, timedelta
@@ -86,6 +87,26 @@ def test_times_that_need_their_order(tmp_path: Path, small: None, style: str) ->
     serial = told(path, profile_from_dict({"time": said}))
     assert len(serial) > 20
     assert ahead(path, profile_from_dict({"time": said})) == serial
+
+
+def test_what_is_said_of_the_file_keeps_its_order(
+    tmp_path: Path, small: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A block that is found early says its part after the blocks before it, which are still at work."""
+    quick = _csv_table.TableReader.read
+
+    def slow(reader: _csv_table.TableReader, block: _csv_table.Block) -> Any:
+        time.sleep(0.01)
+        return quick(reader, block)
+
+    plain, path = LINES["plain"] % 0 * 12, tmp_path / "a.csv"
+    path.write_bytes(HEADER + plain + LINES["cp1252"] % 0 + plain + LINES["return"] % 0 + plain * 3)
+    serial = told(path)
+    assert [what in note for what, note in zip(("cp1252", "carriage"), serial[-1][3], strict=True)] == [
+        True
+    ] * 2
+    monkeypatch.setattr(_csv_table.TableReader, "read", slow)
+    assert ahead(path) == serial
 
 
 def test_an_error_ahead_waits_for_its_turn(
