@@ -3,13 +3,12 @@
 An engine does jobs, in any order, and gives their results in the order of the jobs."""
 
 import os
-from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
 from importlib import import_module
+from math import inf
 from typing import Any, TypeAlias, TypeVar
 
 from fleetlog.errors import DataError, FleetlogError, InputError, fault
@@ -34,18 +33,15 @@ class Engine:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
         return False
 
-    def threads(self, cost: float) -> int:
-        """Return how many threads of this process are worth having for ``cost`` seconds of work in C."""
-        return 0
-
     def run(
         self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str,
-        beside: Tasks = (),
+        beside: Tasks = (), cost: float = inf,
     ) -> Generator[R, None, None]:  # fmt: skip
         """Yield ``work(job)`` of every job, in the order of ``jobs``. A job that fails leaves the rest: the
         first failure is raised in its turn, after the others were done. ``name`` says what a job reads, for
-        the error of an unforeseen fault. ``beside`` is done here, until the last result was taken."""
-        outcomes = self._done(work, jobs, name, beside)
+        the error of an unforeseen fault. ``beside`` is done here, until the last result was taken. Jobs whose
+        ``cost`` here [s] is not worth handing over are done here."""
+        outcomes = (self if self.pays(cost) else Engine())._done(work, jobs, name, beside)
         for outcome in outcomes:
             if isinstance(outcome, Failure):
                 more = sum(isinstance(o, Failure) for o in outcomes)
@@ -61,6 +57,10 @@ class Engine:
         for task in beside:
             task()
         yield from (attempt(work, job, name) for job in jobs)
+
+    def stream(self, work: Callable[[J], R], jobs: Iterator[J], cost: float) -> Generator[R, None, None]:
+        """Yield ``work(job)`` of every job, in their order; for work in C, which lets other threads run."""
+        yield from map(work, jobs)
 
     def close(self) -> None:
         """Leave everything as it was."""
@@ -78,29 +78,6 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | Failure:
         inner = getattr(work, "__wrapped__", getattr(work, "func", work))
         called = str(getattr(inner, "__name__", type(inner).__name__)).strip("_").replace("_", " ")
         return DataError(fault(called, error), where=name(job), do="please report it")
-
-
-def threaded(work: Callable[[J], R], jobs: Iterator[J], threads: int) -> Generator[R, None, None]:
-    """Yield ``work(job)`` of every job, none of which is None, in their order: done by threads ahead of who
-    takes it, a few each, while one more draws the jobs; where there are none, when it is asked for."""
-    if not threads:
-        yield from map(work, jobs)
-        return
-
-    def done(job: Future[J | None]) -> R | None:
-        return None if (drawn := job.result()) is None else work(drawn)
-
-    drawing, pool, waiting = ThreadPoolExecutor(1), ThreadPoolExecutor(threads), deque[Future[R | None]]()
-    try:
-        while True:
-            while len(waiting) <= 2 * threads:
-                waiting.append(pool.submit(done, drawing.submit(next, jobs, None)))
-            if (result := waiting.popleft().result()) is None:
-                return
-            yield result
-    finally:
-        drawing.shutdown(cancel_futures=True)
-        pool.shutdown(cancel_futures=True)
 
 
 _current: ContextVar[Engine] = ContextVar("engine", default=Engine())  # noqa: B039 - it holds no state

@@ -189,7 +189,7 @@ class TableReader:
         self.nulls = NULLS + [s for s in sentinels if isinstance(s, str)]
         self.angles: set[str] = set()  # Columns of latitude and longitude that hold text
         self._types: dict[str, Any] = {}
-        self._first: pa.Table | None = None  # Of the block that the types are from, where it is read already
+        self._known: dict[int, pa.Table] = {}  # Of the block that the types are from, by its first line
 
     def decide(self, block: Block) -> None:
         """Types of the columns, from the first block: from its head, where all of it can be read as that."""
@@ -207,13 +207,12 @@ class TableReader:
             self._types = {n: pa.float64() if n in figures else pa.string() for n in fields.names}
             if sample is text or not any(kinds.is_null(f.type) for f in inferred):
                 with suppress(pa.ArrowInvalid):
-                    self._first = self._arrow(text, self._types)
+                    self._known[block.first] = self._arrow(text, self._types)
                     return
 
     def read(self, block: Block) -> tuple[pa.Table, Ints, list[Reject]]:
         """The table of a block, the line of every row, and the lines with too many or too few fields."""
-        table, self._first = self._first, None
-        table = table or self._whole(self._as_utf8(block))
+        table = self._known.pop(block.first, None) or self._whole(self._as_utf8(block))
         lines = block.lines(0 if table is None else len(table))
         rejects: list[Reject] = []
         if table is None or len(table) != len(lines):

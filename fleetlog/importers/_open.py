@@ -40,7 +40,6 @@ class ReadReport:
 
     def take(self, other: "ReadReport") -> None:
         """Say what another report of the file says."""
-        self.recognised |= other.recognised
         self.notes += [text for text in other.notes if text not in self.notes]
         self.damage += [text for text in other.damage if text not in self.damage]
 

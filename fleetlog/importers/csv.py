@@ -56,9 +56,8 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         named = f"every row is of vehicle {options.name!r}, after the file's name"
         report.note(f"no column of vehicle ids: {named}")
     rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
-    parts = chain([block] if block.text else [], source)
-    threads = engines.current().threads(BYTE_COST * path.stat().st_size)
-    with closing(engines.threaded(lambda block: (block, reader.read(block)), parts, threads)) as tables:
+    parts, cost = chain([block] if block.text else [], source), BYTE_COST * path.stat().st_size
+    with closing(engines.current().stream(lambda b: (b, reader.read(b)), parts, cost)) as tables:
         for block, (table, lines, rejects) in tables:
             report.take(block.report)
             yield rows.batch(table, lines, block.texts, rejects, block.progress)

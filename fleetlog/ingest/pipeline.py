@@ -85,19 +85,16 @@ def _read(
 
     groups = groups_of(logs)
     cost = ROW_COST * sum(log.path.stat().st_size for log in logs if log.path.is_file()) / ROW_BYTES
-    engine = _engine(cost, len(groups))
-    told = tell if type(engine) is engines.Engine else None
-    engine.ahead = [*engine.ahead, *ahead]
-    work = partial(read_group, scratch, names_of(logs), profile, told)
-    with closing(engine.run(work, groups, lambda group: str(group[1][0].path))) as reads:
+    engine = engines.current()
+    shared = len(groups) > 1 and engine.pays(cost)
+    if engine.pays(cost):  # of one log, kernels would be loaded when workers have them
+        engine.ahead = [*engine.ahead, *ahead[: 1 + shared]]
+    work = partial(read_group, scratch, names_of(logs), profile, None if shared else tell)
+    run = engine.run if shared else engines.Engine().run
+    with closing(run(work, groups, lambda group: str(group[1][0].path))) as reads:
         for (_, group), read in zip(groups, reads, strict=True):
             tell(group[-1], 1.0)
             yield read
-
-
-def _engine(cost: float, jobs: int) -> engines.Engine:
-    engine = engines.current()
-    return engine if jobs > 1 and engine.pays(cost) else engines.Engine()
 
 
 def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:
@@ -176,9 +173,8 @@ def _vehicles(plan: Plan, slips: Mapping[str, list[Slip]], progress: Progress) -
     """What each vehicle came to, in their order."""
     jobs = [(number, vehicle, slips[vehicle]) for number, vehicle in enumerate(sorted(slips))]
     rows = [sum(slip.rows for slip in job[2]) for job in jobs]
-    done, engine = 0, _engine(ROW_COST * sum(rows), len(jobs))
-    results = engine.run(partial(import_vehicle, plan), jobs, lambda job: f"vehicle {job[1]}")
-    with closing(results) as outcomes:
+    done, cost, work = 0, ROW_COST * sum(rows), partial(import_vehicle, plan)
+    with closing(engines.current().run(work, jobs, lambda job: f"vehicle {job[1]}", cost=cost)) as outcomes:
         for (_, vehicle, _), mine, outcome in zip(jobs, rows, outcomes, strict=True):
             done += mine
             progress(f"matched and written: {vehicle}", READ_SHARE + (1.0 - READ_SHARE) * done / sum(rows))

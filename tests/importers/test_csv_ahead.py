@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from fleetlog import engines
 from fleetlog.core.trajectory import Labels
+from fleetlog.engines.processes import Processes
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers import _csv_table
 from fleetlog.importers._open import ReadReport
@@ -125,7 +126,7 @@ def test_what_is_not_asked_for_is_not_read(tmp_path: Path, small: None) -> None:
     """Memory is bounded: no more is drawn than a few jobs a thread, and none after the end."""
     drawn = []
     jobs = (drawn.append(i) or i for i in range(1000))
-    results = engines.threaded(str, jobs, 2)
+    results = Processes(2, always=True).stream(str, jobs, 0.0)
     assert [next(results) for _ in range(3)] == ["0", "1", "2"]
     assert len(drawn) < 12
     results.close()
@@ -137,8 +138,8 @@ def test_errors_of_jobs_come_in_their_turn() -> None:
         yield from (1, 2, 3)
         raise FormatError("broken")
 
-    for threads in (0, 2):
-        results, seen = engines.threaded(str, failing(), threads), []
+    for engine in (engines.Engine(), Processes(2, always=True)):
+        results, seen = engine.stream(str, failing(), 0.0), []
         with pytest.raises(FormatError):
             seen.extend(results)
         assert seen == ["1", "2", "3"]
