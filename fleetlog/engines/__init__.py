@@ -95,13 +95,10 @@ def using(workers: int | None = None, scheduler: str | None = None) -> Iterator[
 
     workers : processes of this machine; by default the cores there are, and where work is small, none.
     scheduler : address of a Dask scheduler (``tcp://HOST:PORT``) in place of this machine."""
-    engine: Engine
-    if scheduler is not None:
-        engine = Cluster(scheduler)
-    else:
-        from fleetlog.engines.processes import Processes
+    from fleetlog.engines.processes import Processes
 
-        engine = Processes(workers, always=True) if workers else Processes(cores())
+    here = Processes(workers or cores(), always=bool(workers))
+    engine = here if scheduler is None else Cluster(scheduler)
     token = _current.set(engine)
     try:
         yield engine
@@ -150,23 +147,20 @@ class Cluster(Engine):
         if beside:
             yield from super()._done(work, jobs, name, beside)
             return
+        from distributed import KilledWorker
+
         futures: list[Any] = []
         try:
             for turn, job in enumerate(jobs):
                 more = jobs[turn + len(futures) : turn + AHEAD * self.workers]
                 futures += [self.client.submit(attempt, work, later, name, pure=False) for later in more]
-                yield self._outcome(futures[0], name(job))
-                del futures[0]
+                try:
+                    yield futures.pop(0).result()
+                except KilledWorker as error:
+                    what, do = f"its workers died ({error})", "give the workers more memory"
+                    yield DataError(what, where=name(job), do=do)
         finally:
             self.client.cancel(futures)
-
-    def _outcome(self, future: Any, name: str) -> Any:
-        from distributed import KilledWorker
-
-        try:
-            return future.result()
-        except KilledWorker as error:
-            return DataError(f"its workers died ({error})", where=name, do="give the workers more memory")
 
     def close(self) -> None:
         """Leave the cluster as it was."""
