@@ -21,7 +21,7 @@ from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.ingest.clean import sort_rows
 from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.place import check_matched
-from fleetlog.ingest.reading import Read, groups_of, read_group
+from fleetlog.ingest.reading import READ_SHARE, Read, groups_of, read_group
 from fleetlog.ingest.rejects import NAME, gather
 from fleetlog.ingest.rows import Slip, windows
 from fleetlog.ingest.stretch import Plan, import_vehicle, load_matcher, probe
@@ -30,7 +30,6 @@ from fleetlog.listening import progress
 from fleetlog.store.documents import provenance
 from fleetlog.store.writer import DatasetWriter
 
-READ_SHARE = 0.5  # Of the whole, as progress is told
 ROW_COST, ROW_BYTES = 3e-6, 60.0
 """Of a row, about: to read it, or to match and write it [s]; its length in a log."""
 ALIGN_VEHICLES = 20  # Vehicles whose tracks are fitted to the roads
@@ -75,21 +74,15 @@ def import_logs(
 
 def _read(logs: list[Log], scratch: Path, profile: Profile | None, ahead: engines.Tasks) -> Iterator[Read]:
     """What the groups of logs gave; who waits for them does what is ``ahead``."""
-
-    def tell(log: Log, share: float) -> None:
-        progress(f"reading {log.path.name}", READ_SHARE * (logs.index(log) + share) / len(logs))
-
     groups = groups_of(logs)
     cost = ROW_COST * sum(log.path.stat().st_size for log in logs if log.path.is_file()) / ROW_BYTES
     engine = engines.current()
-    shared = len(groups) > 1 and engine.pays(cost)
     if engine.pays(cost):  # of one log, kernels would be loaded when workers have them
-        engine.ahead = [*engine.ahead, *ahead[: 1 + shared]]
-    work = partial(read_group, scratch, names_of(logs), profile, None if shared else tell)
-    run = engine.run if shared else engines.Engine().run
-    with closing(run(work, groups, lambda group: str(group[1][0].path))) as reads:
-        for (_, group), read in zip(groups, reads, strict=True):
-            tell(group[-1], 1.0)
+        engine.ahead = [*engine.ahead, *ahead[: len(groups)]]
+    work = partial(read_group, scratch, names_of(logs), profile)
+    with closing(engine.run(work, groups, lambda group: str(group[1][0].path), cost=cost)) as reads:
+        for (first, group), read in zip(groups, reads, strict=True):
+            progress(f"reading {group[-1].path.name}", READ_SHARE * (first + len(group)) / len(logs))
             yield read
 
 
