@@ -134,8 +134,6 @@ def with_line_feeds(text: bytes, report: ReadReport) -> bytes:
     """The text with carriage returns that stand alone as line ends, or as blanks where they lie inside a row.
     A row that is whole only together with what follows the carriage return holds a stray one; whether it is
     whole is told by the usual number of separators in a line."""
-    if b"\r" not in text:
-        return text
     raw = np.frombuffer(text + b" ", np.uint8)
     if (raw[np.flatnonzero(raw == ord("\r")) + 1] == ord("\n")).all():
         return text

@@ -7,7 +7,6 @@ typed; a block with a cell that does not fit its type is read again as text and 
 import re
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
 from io import BytesIO
 from itertools import chain, islice
 from pathlib import Path
@@ -45,8 +44,7 @@ def sniff(path: Path, head: bytes) -> bool:
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Rows of a delimited file; the number of a row is that of its line."""
     profile, report = options.profile or Profile(), options.report
-    encoding = _encoding(path, profile, report)
-    source = blocks(path, encoding)
+    source = blocks(path, _encoding(path, profile, report))
     if (first := next(source, None)) is None:
         raise FormatError("the file is empty", where=path, do="give a log with rows")
     report.take(first.report)
@@ -57,10 +55,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         report.note(f"no column of vehicle ids: {named}")
     rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
     parts, cost = chain([block] if block.text else [], source), BYTE_COST * path.stat().st_size
-    with closing(engines.current().stream(lambda b: (b, reader.read(b)), parts, cost)) as tables:
-        for block, (table, lines, rejects) in tables:
-            report.take(block.report)
-            yield rows.batch(table, lines, block.texts, rejects, block.progress)
+    for block, table, lines, rejects in engines.current().stream(lambda b: (b, *reader.read(b)), parts, cost):
+        report.take(block.report)
+        yield rows.batch(table, lines, block.texts, rejects, block.progress)
     rows.clock.close()
 
 

@@ -101,8 +101,7 @@ def _sifted(
         rejects.add(number, batch.rejects)
         for rows in split(batch, number, report):
             yield orders[rows.vehicle_id, CHANNEL in rows].sift(rows)
-        share = READ_SHARE * (number + batch.progress) / len(rejects.names)
-        progress(f"reading {report.path.name}", share)
+        progress(f"reading {report.path.name}", READ_SHARE * (number + batch.progress) / len(rejects.names))
     for order in orders.values():
         yield from order.flush()
 
