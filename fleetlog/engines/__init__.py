@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
 from importlib import import_module
-from math import inf
 from typing import Any, TypeAlias, TypeVar
 
 from fleetlog.errors import DataError, FleetlogError, InputError, fault
@@ -35,7 +34,7 @@ class Engine:
 
     def run(
         self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str,
-        beside: Tasks = (), cost: float = inf,
+        beside: Tasks = (), cost: float = float("inf"),
     ) -> Generator[R, None, None]:  # fmt: skip
         """Yield ``work(job)`` of every job, in the order of ``jobs``. A job that fails leaves the rest: the
         first failure is raised in its turn, after the others were done. ``name`` says what a job reads, for

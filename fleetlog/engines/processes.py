@@ -55,12 +55,13 @@ class Processes(Engine):
             yield from super().stream(work, jobs, cost)
             return
 
-        drawing, pool = ThreadPoolExecutor(1), ThreadPoolExecutor(self.workers)
+        threads = min(self.workers, AHEAD)  # more would wait for who takes the results
+        drawing, pool = ThreadPoolExecutor(1), ThreadPoolExecutor(threads)
 
         def ahead() -> Future[R]:
             return pool.submit(lambda job: work(job.result()), drawing.submit(next, jobs))
 
-        waiting = deque(ahead() for _ in range(2 * self.workers))
+        waiting = deque(ahead() for _ in range(threads))
         try:
             with suppress(StopIteration):
                 while True:
