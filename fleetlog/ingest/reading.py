@@ -177,7 +177,7 @@ class Order:
             else:
                 self._end = max(int(run.max()), self._end) if goes_on else int(run.max())
                 self._size = size
-        return rows[keep], rows[~keep]
+        return rows[slice(None) if keep.all() else keep], rows[~keep]
 
     def flush(self) -> list[tuple[Trajectory, Trajectory]]:
         """What still waits at the end of the file."""
