@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from multiprocessing import parent_process
 from typing import Any
 
 from fleetlog import interrupt
@@ -29,9 +30,10 @@ def listening(progress: Progress, notice: Notice) -> Iterator[None]:
 
 
 def progress(text: str, share: float) -> None:
-    """Report how far a run is; raises an interrupt that a library swallowed."""
+    """Report how far a run is, which workers leave to it; raises an interrupt that a library swallowed."""
     interrupt.check()
-    _listener.get()[0](text, share)
+    if parent_process() is None:
+        _listener.get()[0](text, share)
 
 
 def notice(text: str) -> None:

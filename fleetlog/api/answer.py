@@ -151,11 +151,10 @@ def write_folder(result: Result, site: Site, folder: Path) -> None:
     from fleetlog.view.picture import write_picture
     from fleetlog.view.results import write_result_recording
 
-    engine = engines.current()
-    engine = engine if engine.pays(PICTURE_COST) else engines.Engine()
     recording = partial(write_result_recording, result, site, folder / "recording.rrd")
     beside: engines.Tasks = [partial(write_result, result, folder, site.frame), recording]
-    for _ in engine.run(partial(write_picture, result, site), [folder / f"{result.name}.png"], beside=beside):
+    picture = partial(write_picture, result, site), [folder / f"{result.name}.png"]
+    for _ in engines.current().run(*picture, beside=beside, cost=PICTURE_COST):
         pass
 
 

@@ -34,12 +34,13 @@ class Engine:
 
     def run(
         self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str,
-        beside: Tasks = (),
+        beside: Tasks = (), cost: float = float("inf"),
     ) -> Generator[R, None, None]:  # fmt: skip
         """Yield ``work(job)`` of every job, in the order of ``jobs``. A job that fails leaves the rest: the
         first failure is raised in its turn, after the others were done. ``name`` says what a job reads, for
-        the error of an unforeseen fault. ``beside`` is done here, until the last result was taken."""
-        outcomes = self._done(work, jobs, name, beside)
+        the error of an unforeseen fault. ``beside`` is done here, until the last result was taken. Jobs whose
+        ``cost`` here [s] is not worth handing over are done here."""
+        outcomes = (self if self.pays(cost) else Engine())._done(work, jobs, name, beside)
         for outcome in outcomes:
             if isinstance(outcome, Failure):
                 more = sum(isinstance(o, Failure) for o in outcomes)
@@ -55,6 +56,10 @@ class Engine:
         for task in beside:
             task()
         yield from (attempt(work, job, name) for job in jobs)
+
+    def stream(self, work: Callable[[J], R], jobs: Iterator[J], cost: float) -> Generator[R, None, None]:
+        """Yield ``work(job)`` of every job, in their order; for work in C, which lets other threads run."""
+        yield from map(work, jobs)
 
     def close(self) -> None:
         """Leave everything as it was."""
@@ -89,13 +94,10 @@ def using(workers: int | None = None, scheduler: str | None = None) -> Iterator[
 
     workers : processes of this machine; by default the cores there are, and where work is small, none.
     scheduler : address of a Dask scheduler (``tcp://HOST:PORT``) in place of this machine."""
-    engine: Engine
-    if scheduler is not None:
-        engine = Cluster(scheduler)
-    else:
-        from fleetlog.engines.processes import Processes
+    from fleetlog.engines.processes import Processes
 
-        engine = Processes(workers, always=True) if workers else Processes(cores())
+    here = Processes(workers or cores(), always=bool(workers))
+    engine = here if scheduler is None else Cluster(scheduler)
     token = _current.set(engine)
     try:
         yield engine
@@ -144,23 +146,20 @@ class Cluster(Engine):
         if beside:
             yield from super()._done(work, jobs, name, beside)
             return
+        from distributed import KilledWorker
+
         futures: list[Any] = []
         try:
             for turn, job in enumerate(jobs):
                 more = jobs[turn + len(futures) : turn + AHEAD * self.workers]
                 futures += [self.client.submit(attempt, work, later, name, pure=False) for later in more]
-                yield self._outcome(futures[0], name(job))
-                del futures[0]
+                try:
+                    yield futures.pop(0).result()
+                except KilledWorker as error:
+                    what, do = f"its workers died ({error})", "give the workers more memory"
+                    yield DataError(what, where=name(job), do=do)
         finally:
             self.client.cancel(futures)
-
-    def _outcome(self, future: Any, name: str) -> Any:
-        from distributed import KilledWorker
-
-        try:
-            return future.result()
-        except KilledWorker as error:
-            return DataError(f"its workers died ({error})", where=name, do="give the workers more memory")
 
     def close(self) -> None:
         """Leave the cluster as it was."""

@@ -7,8 +7,9 @@ import pickle
 import signal
 import sys
 import warnings
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -34,18 +35,41 @@ class Processes(Engine):
         self.workers, self.always = workers, always
 
     def pays(self, cost: float) -> bool:
-        """Return whether the work is more than starting processes."""
-        return self.workers > 1 and (self.always or cost > START)
+        """Return whether the work is more than starting processes; not within a worker."""
+        worker = multiprocessing.current_process().daemon
+        return self.workers > 1 and (self.always or cost > START) and not worker
 
     def _done(
         self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks
     ) -> Iterator[R | Failure]:
         """As the engine here gives them; at most ``AHEAD`` jobs per worker wait for their turn."""
         count = min(self.workers, len(jobs))
-        if min(self.workers, count + len(beside)) < 2 or multiprocessing.current_process().daemon:
+        if min(self.workers, count + len(beside)) < 2:
             return super()._done(work, jobs, name, beside)
         ahead, self.ahead = self.ahead, ()
         return _run(work, jobs, name, count, [*beside, *ahead])
+
+    def stream(self, work: Callable[[J], R], jobs: Iterator[J], cost: float) -> Generator[R, None, None]:
+        """By threads of this process, ahead of who takes the results; one more draws the jobs."""
+        if not self.pays(cost):
+            yield from super().stream(work, jobs, cost)
+            return
+
+        threads = min(self.workers, AHEAD)  # more would wait for who takes the results
+        drawing, pool = ThreadPoolExecutor(1), ThreadPoolExecutor(threads)
+
+        def ahead() -> Future[R]:
+            return pool.submit(lambda job: work(job.result()), drawing.submit(next, jobs))
+
+        waiting = deque(ahead() for _ in range(threads))
+        try:
+            with suppress(StopIteration):
+                while True:
+                    waiting.append(ahead())
+                    yield waiting.popleft().result()
+        finally:
+            drawing.shutdown(cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
 
 
 def _run(

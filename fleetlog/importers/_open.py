@@ -38,6 +38,11 @@ class ReadReport:
         if text not in self.damage:
             self.damage.append(text)
 
+    def take(self, other: "ReadReport") -> None:
+        """Say what another report of the file says."""
+        self.notes += [text for text in other.notes if text not in self.notes]
+        self.damage += [text for text in other.damage if text not in self.damage]
+
     def nothing(self, what: str, do: str = "check the format") -> FormatError:
         """The error for a file that gave no row: what it holds, and the first damage that was met."""
         damage = f"; {self.damage[0]}" if self.damage else ""
@@ -89,7 +94,7 @@ class Unpacked(io.RawIOBase):
 
     def __init__(self, path: Path, report: ReadReport | None = None) -> None:
         self.path, self._report, self._packing = path, report, compression(path)
-        self._file = open_regular(path)
+        self._file: Any = open_regular(path)
         self._size = max(path.stat().st_size, 1)
         self._given, self._step = 0, PIECE
         self._unpacked: Any = pa.CompressedInputStream(self._file, self._packing) if self._packing else None
@@ -105,11 +110,12 @@ class Unpacked(io.RawIOBase):
     def readinto(self, buffer: Any, /) -> int:
         """The next bytes; 0 at the end, and at the first damage."""
         view = memoryview(buffer).cast("B")
-        size = len(view)
-        data = self._file.read(size) if self._unpacked is None else self._piece(min(size, self._step))
+        if self._unpacked is None:
+            return int(self._file.readinto(view))
+        data = self._piece(min(len(view), self._step))
         view[: len(data)] = data
         self._given += len(data)
-        if self._packing and self._given > min(max(FREE, RATIO * self._size), LARGEST):
+        if self._given > min(max(FREE, RATIO * self._size), LARGEST):
             what = f"unpacks to more than {self._given >> 20} MB, from {self._size:,} bytes"
             raise FormatError(what, where=self.path, do="if that is meant, unpack it first")
         return len(data)

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Labels, Values
@@ -45,12 +44,12 @@ class TableRows:
         columns = self._columns(table, bad)
         vehicle = self._vehicles(table)
         time = self.clock.times(table, vehicle)
-        reason = self._reasons(table, time, vehicle, bad)
+        reasons = self._reasons(table, time, vehicle, bad)
+        keep = reasons.codes < 0
         for name in bad.keys() - {*_MUST}:
-            rejects += _refused(record, bad[name] & (reason == ""), f"{name} is not a number", texts, False)
-        keep = reason == ""
-        for why in set(reason[~keep].tolist()):
-            rejects += _refused(record, reason == why, why, texts)
+            rejects += _refused(record, bad[name] & keep, f"{name} is not a number", texts, False)
+        for code in set(reasons.codes[~keep].tolist()):
+            rejects += _refused(record, reasons.codes == code, reasons.names[code], texts)
         if not keep.all():
             columns = {n: v[keep] for n, v in columns.items()}
             vehicle, time, record = vehicle[keep], time[keep], record[keep]
@@ -110,23 +109,23 @@ class TableRows:
         found = labels(table.column(self.fields.vehicle))
         return renamed(found, [name.strip() or None for name in found.names])
 
-    def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> NDArray[np.str_]:
-        """Why each row is refused; empty where it is not."""
-        reason = np.full(len(time), "", dtype="<U64")
-        reason[vehicle.codes < 0] = "the vehicle id is missing"
-        reason[time == NONE] = UNREADABLE
-        reason[(time == NONE) & self.clock.missing] = MISSING
-        reason[(time == NONE) & self.clock.skipped] = SKIPPED
-        for name in bad.keys() & {*_MUST}:
-            reason[bad[name]] = f"{name} is not a number"
+    def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> Labels:
+        """Why each row is refused; null where it is not."""
         again = np.ones(len(time), bool)
         for name in self.fields.names:
             chunk = table.column(name)
             if again.any():
                 text = pa.types.is_string(chunk.type)
                 again &= np.asarray(chunk.to_pandas() == name, dtype=bool) if text else False
-        reason[again] = "the header line again"
-        return reason
+        none, clock = time == NONE, self.clock
+        found = {"the vehicle id is missing": vehicle.codes < 0, UNREADABLE: none}
+        found |= {MISSING: none & clock.missing, SKIPPED: none & clock.skipped}
+        found |= {f"{name} is not a number": bad[name] for name in _MUST if name in bad}
+        found |= {"the header line again": again}
+        codes = np.full(len(time), -1, np.int32)
+        for code, mask in enumerate(found.values()):
+            codes[mask] = code
+        return Labels(codes, tuple(found))
 
 
 def _refused(

@@ -8,9 +8,10 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from io import BytesIO
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 
+from fleetlog import engines
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_table import Block, TableReader, blocks, cells_of, guess_encoding, rows_of
 from fleetlog.importers._fields import Fields, fields_of
@@ -23,6 +24,7 @@ from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 DELIMITERS = ",;\t|"
 _COMMA, _POINT = re.compile(r"[+-]?\d*,\d+"), re.compile(r"[+-]?\d*\.\d+")
+BYTE_COST = 2e-8  # To read a byte of a log, which may be packed, about [s]
 SAMPLE = 100  # Rows that tell how many fields a row has
 _OTHERS = ("{", "[", "<", "$", "!", "%PDF", "\\")
 
@@ -42,20 +44,20 @@ def sniff(path: Path, head: bytes) -> bool:
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Rows of a delimited file; the number of a row is that of its line."""
     profile, report = options.profile or Profile(), options.report
-    encoding = _encoding(path, profile, report)
-    rows: TableRows | None = None
-    for block in blocks(path, encoding, report):
-        if rows is None:
-            reader, block = _begin(block, path, profile, report)
-            if reader.fields.vehicle is None and options.vehicle is None:
-                named = f"every row is of vehicle {options.name!r}, after the file's name"
-                report.note(f"no column of vehicle ids: {named}")
-            rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
-        if block.text:
-            table, lines, rejects = reader.read(block)
-            yield rows.batch(table, lines, block.texts, rejects, block.progress)
-    if rows is None:
+    source = blocks(path, _encoding(path, profile, report))
+    if (first := next(source, None)) is None:
         raise FormatError("the file is empty", where=path, do="give a log with rows")
+    report.take(first.report)
+    reader, block = _begin(first, path, profile, report)
+    report.take(block.report)
+    if reader.fields.vehicle is None and options.vehicle is None:
+        named = f"every row is of vehicle {options.name!r}, after the file's name"
+        report.note(f"no column of vehicle ids: {named}")
+    rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
+    parts, cost = chain([block] if block.text else [], source), BYTE_COST * path.stat().st_size
+    for block, table, lines, rejects in engines.current().stream(lambda b: (b, *reader.read(b)), parts, cost):
+        report.take(block.report)
+        yield rows.batch(table, lines, block.texts, rejects, block.progress)
     rows.clock.close()
 
 
@@ -90,7 +92,7 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
     decimal = profile.decimal or find_decimal(lines[:20], delimiter, report)
     reader = TableReader(lay_out(names, profile, report), delimiter, decimal)
     text = b"".join(block.text.split(b"\n", skip)[skip:])
-    block = Block(text, block.first + skip, block.progress, block.cut)
+    block = Block(text, block.first + skip, block.progress, block.report, block.cut)
     reader.decide(block)
     return reader, block
 

@@ -7,7 +7,7 @@ trip begins, so that no trip is torn and matching starts at a standstill."""
 
 import shutil
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import cache, partial
@@ -21,17 +21,15 @@ from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.ingest.clean import sort_rows
 from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.place import check_matched
-from fleetlog.ingest.reading import Read, groups_of, read_group
+from fleetlog.ingest.reading import READ_SHARE, Read, groups_of, read_group
 from fleetlog.ingest.rejects import NAME, gather
 from fleetlog.ingest.rows import Slip, windows
 from fleetlog.ingest.stretch import Plan, import_vehicle, load_matcher, probe
 from fleetlog.ingest.summary import ImportSummary, Outcome, added_up, complete
+from fleetlog.listening import progress
 from fleetlog.store.documents import provenance
 from fleetlog.store.writer import DatasetWriter
 
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of all that is done, 0 to 1."""
-READ_SHARE = 0.5
 ROW_COST, ROW_BYTES = 3e-6, 60.0
 """Of a row, about: to read it, or to match and write it [s]; its length in a log."""
 ALIGN_VEHICLES = 20  # Vehicles whose tracks are fitted to the roads
@@ -40,7 +38,7 @@ UNPLACED = "roads, places, heat maps, density and travel times say nothing of th
 
 def import_logs(
     paths: Sequence[str | Path], site: Site | None, writer: DatasetWriter, *, format: str | None = None,
-    profile: str | Path | Profile | None = None, progress: Progress | None = None, align: bool = False,
+    profile: str | Path | Profile | None = None, align: bool = False,
 ) -> ImportSummary:  # fmt: skip
     """Read ``paths`` (files, folders, patterns) and write their rows through ``writer``.
 
@@ -49,7 +47,6 @@ def import_logs(
     the roads of ``site``.  :class:`~fleetlog.errors.InputError` where nothing usable was found.
     """
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
-    progress = progress or (lambda _what, _share: None)
     logs = find_logs(paths, format)
     inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
     if profile is not None and profile.path:
@@ -58,13 +55,13 @@ def import_logs(
     scratch.mkdir()
     try:
         said = cache(partial(provenance, inputs))
-        reads = list(_read(logs, scratch, profile, progress, (said, partial(load_matcher, site))))
+        reads = list(_read(logs, scratch, profile, (said, partial(load_matcher, site))))
         _check_read(reads, logs)
         site, frames = site or Site(), profile.map_frames if profile is not None else ()
         site = replace(site, map_frames=tuple(dict.fromkeys((*site.map_frames, *frames))))
         every = frames[0] if len(frames) == 1 else None  # a profile that states one states it of all rows
         plan = Plan(writer.path, scratch, site, names_of(logs), before=writer.before, every=every)
-        summary = _write(reads, plan, writer, progress, align=align)
+        summary = _write(reads, plan, writer, align=align)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     writer.provenance, writer.summary = said(), summary.to_dict()
@@ -75,29 +72,18 @@ def import_logs(
     return summary
 
 
-def _read(
-    logs: list[Log], scratch: Path, profile: Profile | None, progress: Progress, ahead: engines.Tasks
-) -> Iterator[Read]:
+def _read(logs: list[Log], scratch: Path, profile: Profile | None, ahead: engines.Tasks) -> Iterator[Read]:
     """What the groups of logs gave; who waits for them does what is ``ahead``."""
-
-    def tell(log: Log, share: float) -> None:
-        progress(f"reading {log.path.name}", READ_SHARE * (logs.index(log) + share) / len(logs))
-
     groups = groups_of(logs)
     cost = ROW_COST * sum(log.path.stat().st_size for log in logs if log.path.is_file()) / ROW_BYTES
-    engine = _engine(cost, len(groups))
-    told = tell if type(engine) is engines.Engine else None
-    engine.ahead = [*engine.ahead, *ahead]
-    work = partial(read_group, scratch, names_of(logs), profile, told)
-    with closing(engine.run(work, groups, lambda group: str(group[1][0].path))) as reads:
-        for (_, group), read in zip(groups, reads, strict=True):
-            tell(group[-1], 1.0)
-            yield read
-
-
-def _engine(cost: float, jobs: int) -> engines.Engine:
     engine = engines.current()
-    return engine if jobs > 1 and engine.pays(cost) else engines.Engine()
+    if engine.pays(cost):  # of one log, kernels would be loaded when workers have them
+        engine.ahead = [*engine.ahead, *ahead[: len(groups)]]
+    work = partial(read_group, scratch, names_of(logs), profile)
+    with closing(engine.run(work, groups, lambda group: str(group[1][0].path), cost=cost)) as reads:
+        for (first, group), read in zip(groups, reads, strict=True):
+            progress(f"reading {group[-1].path.name}", READ_SHARE * (first + len(group)) / len(logs))
+            yield read
 
 
 def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:
@@ -137,9 +123,7 @@ def _aligned(slips: Mapping[str, Sequence[Slip]], site: Site, summary: ImportSum
     return found.frame
 
 
-def _write(
-    reads: Sequence[Read], plan: Plan, writer: DatasetWriter, progress: Progress, *, align: bool
-) -> ImportSummary:
+def _write(reads: Sequence[Read], plan: Plan, writer: DatasetWriter, *, align: bool) -> ImportSummary:
     """Vehicle by vehicle into the dataset."""
     summary = ImportSummary(files=[f for read in reads for f in read.files])
     summary.rows_read = sum(f.rows for f in summary.files)
@@ -157,7 +141,7 @@ def _write(
     summary.notes += plan.notes
     if unplaced := sorted(driven - placed):
         summary.notes += (f"no positions of {listed(unplaced)}: {UNPLACED}",)
-    outcomes = list(_vehicles(plan, slips, progress))
+    outcomes = list(_vehicles(plan, slips))
     for outcome in outcomes:
         writer.pieces += outcome.pieces
         writer.columns |= outcome.columns
@@ -172,13 +156,12 @@ def _write(
     return summary
 
 
-def _vehicles(plan: Plan, slips: Mapping[str, list[Slip]], progress: Progress) -> Iterator[Outcome]:
+def _vehicles(plan: Plan, slips: Mapping[str, list[Slip]]) -> Iterator[Outcome]:
     """What each vehicle came to, in their order."""
     jobs = [(number, vehicle, slips[vehicle]) for number, vehicle in enumerate(sorted(slips))]
     rows = [sum(slip.rows for slip in job[2]) for job in jobs]
-    done, engine = 0, _engine(ROW_COST * sum(rows), len(jobs))
-    results = engine.run(partial(import_vehicle, plan), jobs, lambda job: f"vehicle {job[1]}")
-    with closing(results) as outcomes:
+    done, cost, work = 0, ROW_COST * sum(rows), partial(import_vehicle, plan)
+    with closing(engines.current().run(work, jobs, lambda job: f"vehicle {job[1]}", cost=cost)) as outcomes:
         for (_, vehicle, _), mine, outcome in zip(jobs, rows, outcomes, strict=True):
             done += mine
             progress(f"matched and written: {vehicle}", READ_SHARE + (1.0 - READ_SHARE) * done / sum(rows))

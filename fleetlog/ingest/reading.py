@@ -7,9 +7,8 @@ log starting again (files put together in another order) and is kept."""
 
 import itertools
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Iterator, Set
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +27,14 @@ from fleetlog.ingest.files import Log
 from fleetlog.ingest.rejects import NAME, Rejects
 from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, Slip, Spill
 from fleetlog.ingest.summary import FileSummary
+from fleetlog.listening import progress
 
 _RESERVED = frozenset((*NAMES, "date", *INTERNAL))
 WINDOW = 60_000_000  # A row may come this late and is still sorted in [us]
 LEAP = 3600_000_000  # A longer silence begins a new run [us]
 SHORT = 5  # Rows; a run with fewer beside a step back is refused
 BACKWARDS = "time runs backwards"
+READ_SHARE = 0.5  # Of an import, as its progress is told
 GROUP = 4 << 20  # Small logs are read together until they have this many bytes
 Group = tuple[int, list[Log]]  # The number of the first log among all, and the logs that one job reads
 
@@ -64,10 +65,7 @@ def groups_of(logs: list[Log]) -> list[Group]:
     return out
 
 
-def read_group(
-    folder: Path, names: list[str], profile: Profile | None, tell: Callable[[Log, float], None] | None,
-    group: Group,
-) -> Read:  # fmt: skip
+def read_group(folder: Path, names: list[str], profile: Profile | None, group: Group) -> Read:
     """Read some logs; their rows are set down in ``folder``."""
     first, logs = group
     spill, out = Spill(folder, f"log-{first}"), Read(Rejects(folder / f"log-{first}-{NAME}", names))
@@ -76,8 +74,7 @@ def read_group(
         try:
             report, batches = log.read(profile)
             placed = (_geographic(batch, profile) for batch in batches)
-            said = partial(tell, log) if tell else None
-            for good, bad in _sifted(placed, number, report, out.rejects, said):
+            for good, bad in _sifted(placed, number, report, out.rejects):
                 out.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
                 if len(good):
                     spill.add(good)
@@ -96,17 +93,15 @@ def read_group(
 
 
 def _sifted(
-    batches: Iterator[RawBatch], number: int, report: ReadReport, rejects: Rejects,
-    tell: Callable[[float], None] | None,
-) -> Iterator[tuple[Trajectory, Trajectory]]:  # fmt: skip
+    batches: Iterator[RawBatch], number: int, report: ReadReport, rejects: Rejects
+) -> Iterator[tuple[Trajectory, Trajectory]]:
     """Rows to keep and rows to refuse of one log, in the order of time as far as the log has one."""
     orders: dict[tuple[str, bool], Order] = defaultdict(Order)
     for batch in batches:
         rejects.add(number, batch.rejects)
         for rows in split(batch, number, report):
             yield orders[rows.vehicle_id, CHANNEL in rows].sift(rows)
-        if tell is not None:
-            tell(batch.progress)
+        progress(f"reading {report.path.name}", READ_SHARE * (number + batch.progress) / len(rejects.names))
     for order in orders.values():
         yield from order.flush()
 
@@ -182,7 +177,7 @@ class Order:
             else:
                 self._end = max(int(run.max()), self._end) if goes_on else int(run.max())
                 self._size = size
-        return rows[keep], rows[~keep]
+        return rows[slice(None) if keep.all() else keep], rows[~keep]
 
     def flush(self) -> list[tuple[Trajectory, Trajectory]]:
         """What still waits at the end of the file."""

@@ -1,6 +1,6 @@
 """The simulation: a fixed step for all trucks, decisions once a second, power and rows every ten seconds."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, SiteError
+from fleetlog.listening import progress
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.demand import at_places
@@ -29,7 +30,6 @@ TOGETHER = 128  # Trucks whose power is worked out at once: arrays that stay in 
 BATCH = 10.0  # Power is worked out for so many seconds at once [s]
 IN_TRAFFIC = np.isin(np.arange(Mode.EMPTY + 1), (Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT))
 """By activity: a truck that stands meanwhile waits for others."""
-Progress = Callable[[float, float], None]
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,13 @@ class Settings:
 
 def simulate(
     site: Site, truck: Truck | Sequence[Truck], writer: DatasetWriter, settings: Settings | None = None,
-    demand: Demand | None = None, physics: Physics | None = None, progress: Progress | None = None,
-    mined: frozenset[str] = frozenset(),
+    demand: Demand | None = None, physics: Physics | None = None, mined: frozenset[str] = frozenset(),
 ) -> Summary:  # fmt: skip
     """Simulate a fleet on a site and write its trajectories.
 
     truck : of all vehicles, or one for each.
     demand : tasks; by default endless ones between random places.
     physics : terms beyond the nominal model; each can be switched off in it.
-    progress : called with seconds done and in all.
     mined : places that may be left out where there is no room beside the road.
 
     :class:`InputError` for an unreachable place, one off the roads, more trucks than the site holds."""
@@ -74,7 +72,7 @@ def simulate(
     writer.site = world.site
     demand, notes = reachable(demand, world)
     world.notes.extend(notes)
-    return Run(world, settings, demand, writer).all(progress)
+    return Run(world, settings, demand, writer).all()
 
 
 def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
@@ -132,14 +130,13 @@ class Run:
         self.groups = list(trucks.alike(TOGETHER))
         self.soc_lowest, self.soc_sum, self.waiting = settings.soc, 0.0, 0.0
 
-    def all(self, progress: Progress | None = None) -> Summary:
+    def all(self) -> Summary:
         """To the end."""
         total = self.total
         with self.recorder:
             for step0 in range(0, total, self.steps):
                 self.batch(step0)
-                if progress is not None:
-                    progress((step0 + self.steps) * self.settings.step, total * self.settings.step)
+                progress("simulating", (step0 + self.steps) / total)
             self.recorder.flush()
         summary = self._summary(total)
         self.events.close(total * self.settings.step)

@@ -1,7 +1,7 @@
 """The same mission as a recording, as the model drives it: each truck by itself, so that what differs is the
 physics and not the traffic, or in one another's way."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import pandas as pd
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
+from fleetlog.listening import progress
 from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.motion.legs import Leg, SpeedProfile
 from fleetlog.physics.power import Physics
@@ -20,7 +21,6 @@ from fleetlog.simulate.track import lane_shift
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.writer import DatasetWriter
 
-Progress = Callable[[float, float], None]
 WINDOW = 60.0  # Who would be at a place so much later than another does not meet it there [s]
 CLOSE = 6  # Touching nodes of two trucks so many nodes apart are one meeting
 AFTER = 6.0  # A truck that set off at most so long after the way ahead became free had stood for that [s]
@@ -44,7 +44,7 @@ class MissionSummary:
 
 def replay(
     dataset: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics | None = None,
-    progress: Progress | None = None, together: bool = False, temperature: float = np.nan,
+    together: bool = False, temperature: float = np.nan,
 ) -> MissionSummary:  # fmt: skip
     """Drive every recorded trip of ``dataset`` through the model, under the same vehicle and trip ids.
 
@@ -63,8 +63,7 @@ def replay(
         driven = [t.leg for t in one.trips if t.leg is not None]
         total, rows, trips = total + one.totals, rows + one.written, trips + len(driven)
         own += sum(bool((leg.path.edge < 0).all()) for leg in driven)
-        if progress is not None:
-            progress(float(i + 1), float(len(dataset.vehicles)))
+        progress("simulating", (i + 1) / len(dataset.vehicles))
     if not trips:
         do = "import it with speed or denser positions"
         raise DataError("the recording has no trip", where=dataset.path, do=do)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +18,7 @@ from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, FleetlogError, nearest
+from fleetlog.listening import listening, progress, unheard
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.limits import Summary
@@ -49,15 +50,16 @@ class Scenario:
     physics: Physics | None = None
     mined: frozenset[str] = frozenset()
 
-    def write(self, writer: DatasetWriter, progress: Callable[[float, float], None] | None = None) -> Summary:
+    def write(self, writer: DatasetWriter) -> Summary:
         """Simulate and write the trajectories."""
         what = (self.settings, self.demand, self.physics)
-        return simulate(self.site, self.truck, writer, *what, progress, mined=self.mined)
+        return simulate(self.site, self.truck, writer, *what, mined=self.mined)
 
     def run(self) -> Summary:
         """Simulate and keep only the summary."""
         second = max(round(1.0 / self.settings.step), 1) * self.settings.step
         with (
+            listening(unheard, unheard),
             TemporaryDirectory(dir=scratch.folder()) as folder,
             DatasetWriter.create(Path(folder) / "run", "simulated", self.site) as writer,
         ):
@@ -198,10 +200,7 @@ def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, 
     return out
 
 
-def experiment(
-    bases: Sequence[Scenario], factors: Sequence[Factor],
-    progress: Callable[[float, float], None] = lambda done, total: None,
-) -> Result:  # fmt: skip
+def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
     """Run every variant of every base, which differ in their seeds alone. Tables ``runs`` (a row a variant
     and seed) and ``variants`` (means over the seeds, half widths of their 95 % intervals, changes paired by
     seed). :class:`DataError` for no factor, or where no run is possible."""
@@ -212,7 +211,7 @@ def experiment(
     results = engines.current().run(attempt, [s for *_, s in plan], lambda s: f"seed {s.settings.seed}")
     for (number, seed, values, _), outcome in zip(plan, results, strict=True):
         rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
-        progress(float(len(rows)), float(len(plan)))
+        progress("experiment", len(rows) / len(plan))
     runs = pd.DataFrame(rows).sort_values(["variant", "seed"], ignore_index=True)
     if "tasks_done" not in runs:
         raise DataError(f"no run is possible: {runs.error[0]}", do="change the site or what is varied")

@@ -102,12 +102,11 @@ def each_part(
     """Yield ``work(dataset, *part.key, *arguments)`` for every part, in their order; see :func:`each_day`."""
     kept = partials_of(dataset, work, arguments, tuple(kinds)) if kinds else None
     missing = [p for p in parts if kept is None or not kept.has(p.name, dataset.source(p.reads))]
-    engine = engines.current()
-    if not engine.pays(cost * dataset.rows * len(missing) / max(len(parts), 1)):
-        engine = engines.Engine()
+    cost *= dataset.rows * len(missing) / max(len(parts), 1)
     job = update_wrapper(partial(_answer, dataset, work, arguments, kept), work)
-    new = {p.name for p in missing}
-    with closing(engine.run(job, missing, lambda part: f"{dataset.path}/trajectories/{part.name}")) as made:
+    new, place = {p.name for p in missing}, f"{dataset.path}/trajectories"
+    run = engines.current().run(job, missing, lambda part: f"{place}/{part.name}", cost=cost)
+    with closing(run) as made:
         for part in parts:
             out = next(made) if part.name in new else kept.find(part.name) if kept else None
             yield job(part) if out is None else out

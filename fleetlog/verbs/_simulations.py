@@ -13,7 +13,7 @@ from fleetlog.core.arguments import moment, seconds
 from fleetlog.core.site import Site
 from fleetlog.core.words import count, percent
 from fleetlog.errors import ArgumentError, nearest
-from fleetlog.listening import notice, progress
+from fleetlog.listening import notice
 from fleetlog.physics.battery import battery_of
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.simulate import demand as demands
@@ -103,22 +103,18 @@ def _experiment(asked: Asked, read: list[Path]) -> Answer:
         names = [f.name for f in factors]
         if double := {name for name in names if names.count(name) > 1}:
             raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", option="--vary")
-        result = experiment(bases, factors, lambda done, total: progress("experiment", done / total))
+        result = experiment(bases, factors)
         return keep(Answer.of(result, asked.site))
 
 
 def _fleet(asked: Asked, writer: DatasetWriter) -> Told:
     scenario, notes = _scenario(asked, asked.seed)
-    summary = scenario.write(writer, _told)
+    summary = scenario.write(writer)
     if asked.shadow:
         summary.one_more = one_more(scenario, summary)
     for note in (*notes, *summary.notes):
         notice(note)
     return {**summary.to_dict(), "notes": [*notes, *summary.notes]}, summary.lines()
-
-
-def _told(done: float, total: float) -> None:
-    progress("simulating", done / total)
 
 
 def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
@@ -148,7 +144,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
 
 def _mission(asked: Asked, writer: DatasetWriter) -> Told:
     writer.site = asked.like.site
-    summary = replay(asked.like, asked.truck, writer, asked.physics, _told, asked.together, asked.temperature)
+    summary = replay(asked.like, asked.truck, writer, asked.physics, asked.together, asked.temperature)
     lines = [
         f"{count(summary.vehicles, 'truck')} drove {count(summary.trips, 'trip')} again: "
         f"{count(summary.rows, 'row')}.",

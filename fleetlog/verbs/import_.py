@@ -69,7 +69,7 @@ def import_(
         writing = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
     engines.current().ahead = engines.loading("fleetlog.view.recording") if recording and not append else ()
     with writing as writer:
-        summary = import_logs(paths, writer.site, writer, progress=progress, align=align, **read)
+        summary = import_logs(paths, writer.site, writer, align=align, **read)
         if recording and not append:
             from fleetlog.view.recording import write_recording
 

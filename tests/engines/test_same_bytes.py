@@ -125,18 +125,18 @@ def test_a_cluster_by_its_address(name, alone, fleet, truck, logs, site, tmp_pat
 def test_a_worker_of_the_cluster_killed_in_the_middle(
     name, alone, fleet, truck, logs, site, tmp_path, scheduler, monkeypatch
 ):
-    from fleetlog.engines import Cluster
+    from distributed import Future
 
-    outcome, killed = Cluster._outcome, []
+    outcome, killed = Future.result, []
 
-    def deadly(self, future, job):
-        result = outcome(self, future, job)
+    def deadly(self, timeout=None):
+        result = outcome(self, timeout)
         if not killed:
             killed.extend(self.client.run(os.getpid).values())
             os.kill(min(killed), signal.SIGKILL)
         return result
 
-    monkeypatch.setattr(Cluster, "_outcome", deadly)
+    monkeypatch.setattr(Future, "result", deadly)
     with engines.using(scheduler=scheduler):
         made = make(name, fleet, truck, logs, site, tmp_path / "out")
     assert killed and made == alone[name]

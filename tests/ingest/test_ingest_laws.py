@@ -12,10 +12,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from fleetlog import engines
 from fleetlog.core.network import Edge, build_network
 from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import DataError
+from fleetlog.importers import _csv_table
 from fleetlog.ingest import rows as spill
 from fleetlog.ingest import stretch
 from fleetlog.ingest.pipeline import import_logs
@@ -260,3 +262,22 @@ def test_every_file_has_the_same_columns(table: pd.DataFrame, tmp_path: Path) ->
     assert len(schemas) == 4 and all(s.equals(schemas[0]) for s in schemas)
     assert dataset.read("T0").labels("mixed").strings()[0] == "2"
     assert dataset.read("T1").floats("payload").size and "word" not in dataset.read("T1")
+
+
+def test_a_log_that_threads_read_makes_the_same_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Late rows, a clock that runs backwards for a moment and broken lines among them."""
+    monkeypatch.setattr(_csv_table, "SIZE", 2000)
+    lines = log().to_csv(index=False).splitlines()
+    lines[300:300] = ["T0,no time", *lines[10:12]]
+    lines[500], lines[520] = lines[520], lines[500]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    made = {}
+    for workers in (1, 3):
+        out = tmp_path / str(workers)
+        with engines.using(workers), DatasetWriter.create(out, "recorded", block()) as writer:
+            summary = import_logs([tmp_path / "log.csv"], block(), writer)
+        made[workers] = {p.relative_to(out): p.read_bytes() for p in out.rglob("*") if p.is_file()}
+    assert len(summary.rejected) > 1
+    assert made[1] == made[3]

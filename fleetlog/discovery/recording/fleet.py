@@ -3,7 +3,6 @@
 import itertools
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -33,7 +32,6 @@ FEWEST_ROWS = 8  # A shorter vehicle-day says nothing
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # Multiples of it lie far apart in one, however many there are
 EVENLY = 100_000  # Rows in all that stand for the others, at least
 ROW_COST = 1e-5  # What a look at all rows takes, at least [s each]
-J = TypeVar("J")
 R = TypeVar("R")
 
 
@@ -64,7 +62,8 @@ class Fleet:
 
     def each(self, work: Callable[[int], R]) -> Iterator[R]:
         """Yield what a function makes of every date, in their order, on the engine in use."""
-        yield from _each(work, self.dates, self.rows, lambda date: f"date={np.datetime64(date, 'D')}")
+        cost, run = ROW_COST * self.rows, engines.current().run
+        yield from run(work, self.dates, lambda date: f"date={np.datetime64(date, 'D')}", cost=cost)
 
     def on(self, date: int) -> Iterator[tuple[int, Day]]:
         """Yield the vehicle-days of a date with their numbers."""
@@ -148,8 +147,8 @@ def read_fleet(data: Dataset, truck: Truck, site: Site | None = None, without: S
     vehicles, every = tuple(data.vehicles), 1 << max(0, (data.rows // EVENLY).bit_length() - 1)
     asked = list(itertools.product(range(len(vehicles)), data.dates))
     work = partial(_day, data, columns, vehicles, every)
-    found = _each(work, asked, data.rows, lambda day: data.folder_of(vehicles[day[0]], day[1]))
-    days = [d for d in found if d is not None]
+    name, cost = (lambda day: str(data.folder_of(vehicles[day[0]], day[1]))), ROW_COST * data.rows
+    days = [d for d in engines.current().run(work, asked, name, cost=cost) if d is not None]
     if not days:
         raise DataError("no vehicle has rows with a speed", do="import logs that carry speed or positions")
     weighed = {d.vehicle for d in days if "payload" in d.known}
@@ -166,12 +165,6 @@ def read_fleet(data: Dataset, truck: Truck, site: Site | None = None, without: S
 def far_apart(count: int) -> Ints:
     """Return the numbers up to a count in an order in which the first few lie far apart."""
     return np.argsort(np.arange(count) * GOLDEN % 1.0)
-
-
-def _each(work: Callable[[J], R], jobs: Sequence[J], rows: int, name: engines.Name[J]) -> Iterator[R]:
-    engine = engines.current() if engines.current().pays(ROW_COST * rows) else engines.Engine()
-    with closing(engine.run(work, jobs, name)) as made:
-        yield from made
 
 
 def _rows(data: Dataset, vehicle: str, date: str, columns: Sequence[str]) -> Trajectory:
