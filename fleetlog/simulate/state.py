@@ -46,7 +46,9 @@ class Roads(NamedTuple):
     cap: Floats
     """(2 K, S) highest speed of truck k without (row 2 k) and with a load (2 k + 1), braking ahead of every
     bend included [m/s]."""
-    wait_first: Ints  # (K E + 1,) stops by term ``waiting``: those of truck k on lane e from k E + e on
+    wait_first: (
+        Ints  # (K E + 1,) stops by terms that act as a wait: those of truck k on lane e from k E + e on
+    )
     wait_at: Floats  # Where [m], in order
     wait_for: Floats  # For how long [s]
     walk_at: Floats  # (E,) where trucks stop when people cross the lane [m]; inf: nobody does

@@ -24,7 +24,7 @@ def cap_at(r: Roads, piece: int, s: float, row: int) -> float:
 
 @inner
 def stop_ahead(r: Roads, f: Fleet, v: int, x: Limits, j: int, u: int, off: float) -> float:
-    """Metres to where others, or the term ``waiting``, make a truck stop on the lane at route position ``j``,
+    """Metres to where others, or a term that waits, make a truck stop on the lane at route position ``j``,
     ``off`` m ahead, or inf; ``u`` is the truck before it on that lane, -1: nobody."""
     p, room = f.route[v, j], np.inf
     o, waits = f.last_out[p], wait_ahead(r, f, x, v, p)
