@@ -58,8 +58,9 @@ def take_spur(r: Roads, f: Fleet, v: int) -> None:
     """Reserve the way into a bay or out of it, and the lane that it crosses; ask no longer."""
     d = f.door[v]
     asks_no_more(r, f, v)
-    if r.door_crosses[d] >= 0:
-        f.crossed[r.door_crosses[d]] = v
+    c = r.door_crosses[d]
+    if c >= 0:
+        f.beside[v], f.crossed[c], f.crosses[v] = f.crossed[c], v, True
     f.held[len(r.length) + 2 * len(r.clear) + d] += 1
 
 
@@ -86,7 +87,7 @@ def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the lane that the door crosses is clear, and nobody comes who could not stop before it."""
     d = f.door[v]
     lane, low = r.door_crosses[d], r.door_low[d]
-    return lane < 0 or (f.crossed[lane] < 0 and is_clear(r, f, lane, low, r.door_high[d], False, x))
+    return lane < 0 or is_clear(r, f, lane, low, r.door_high[d], False, x)
 
 
 @inner
