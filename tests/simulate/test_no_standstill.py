@@ -201,6 +201,7 @@ def test_who_has_turned_off_a_lane_is_in_nobodys_way_there(monkeypatch):
     lane, crosses = roads.door_lane[door], roads.door_crosses[door]
     fleet.mode[0], fleet.door[0], fleet.piece[0] = Mode.ENTERING, door, lane
     fleet.tail[lane], fleet.on[lane], fleet.crossed[crosses], fleet.v[0] = 0, 1, 0, 1.0
+    fleet.crosses[0] = True
     for name in ("drop", "is_safe_lane", "release"):
         monkeypatch.setattr(lanes, name, getattr(lanes, name).py_func)
     found = []

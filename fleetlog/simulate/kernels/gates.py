@@ -4,7 +4,7 @@ import numpy as np
 
 from fleetlog.compiling import inner
 from fleetlog.simulate.kernels.lanes import acquire, fills_ring, insert, is_free, is_safe_lane, wait_ahead
-from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
+from fleetlog.simulate.state import STANDS, Fleet, Limits, Mode, Roads
 
 SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]
 
@@ -43,6 +43,21 @@ def ask(r: Roads, f: Fleet, v: int, x: Limits, room: bool) -> None:
     for lane, at in ((own, r.door_at[d] - x.length - x.gap), (c, r.door_low[d])):
         if lane >= 0:
             f.asks[lane], f.ask_at[lane] = v, at - SHORT
+
+
+@inner
+def is_worth_asking(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether a truck could come out if others stopped: nobody stands before its door, nor where it crosses.
+    Who stands there is let go first; others would only stop for nothing behind it."""
+    d, at = f.door[v], r.door_at[f.door[v]]
+    own = r.door_lane[d], at - x.length - x.gap, at + r.door_ahead[d] + 0.3 + 0.5 * x.length
+    for lane, low, high in (own, (r.door_crosses[d], r.door_low[d], r.door_high[d])):
+        u = f.tail[lane] if lane >= 0 else -1
+        while u >= 0:
+            if low < f.s[u] <= high and f.v[u] < STANDS and f.mode[u] == Mode.DRIVING:
+                return False
+            u = f.ahead[u]
+    return True
 
 
 @inner
@@ -116,7 +131,8 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     if free and fills_ring(r, f, v, 0):
         # Nobody stops for one that could not come even so; behind it a ring would never come apart.
         return 1
-    if late:
+    # In the end all the same: where somebody always stands it would wait for ever.
+    if late and (now - f.waits[v] > 2.0 * x.patience or is_worth_asking(r, f, v, x)):
         ask(r, f, v, x, not free or f.on[lane] + f.inbound[lane] < r.capacity[lane])
     if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, False):
         return 1

@@ -35,8 +35,7 @@ def wait_ahead(r: Roads, f: Fleet, x: Limits, v: int, lane: int) -> int:
 
 @inner
 def drop(first: Index, after: Index, v: int, piece: int) -> None:
-    """Take truck ``v`` out of a piece's queue, of which ``first`` (P,) is the first and ``after`` (V,) the next
-    of each truck."""
+    """Leave a piece's queue: who is ``first`` (P,) in each, and who is ``after`` (V,) each truck."""
     if first[piece] == v:
         first[piece] = after[v]
     else:
