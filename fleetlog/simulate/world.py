@@ -1,6 +1,5 @@
 """Everything that stays put in a simulation: lanes, junctions, bays, speed caps, ways; when people cross."""
 
-from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
@@ -143,16 +142,15 @@ def caps(site: Site, track: Track, physics: Physics) -> Floats:
 def stops_to_wait(track: Track, j: Junctions, physics: list[Physics]) -> tuple[Ints, Floats, Floats]:
     """(K E + 1,) first stops of trucks k on lanes e, where they are [m] and how long each lasts [s]: by terms
     that act as a wait; of one in a junction, where the lane has room beside it."""
-    network, stops = track.network, defaultdict[tuple[int, float], float](float)
+    network, stops = track.network, list[tuple[int, float, float]]()
     for k, p in enumerate(physics):
         for e in sorted({e for where in p.waits for e in where.edge.tolist() if e >= 0}):
             along = np.linspace(0.0, network.length[e], int(network.length[e] / SPACING) + 2)
             path = Motion.of(len(along), edge=np.full(len(along), e), edge_offset=along)
             node, seconds = standing_still(path, p)
             at = np.clip(np.interp(along[node], *offsets(track, e)[::-1]), *span(track, j, e)).tolist()
-            for spot, lasts in zip(at, seconds.tolist(), strict=True):
-                stops[k * len(network) + e, spot] += lasts
-    row, at, seconds = np.array([(*key, stops[key]) for key in sorted(stops)]).reshape(-1, 3).T.copy()
+            stops += [(k * len(network) + e, *stop) for stop in zip(at, seconds.tolist(), strict=True)]
+    row, at, seconds = np.array(sorted(stops), dtype=np.float64).reshape(-1, 3).T.copy()
     return np.searchsorted(row, np.arange(len(physics) * len(network) + 1)).astype(np.int64), at, seconds
 
 

@@ -175,8 +175,7 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
     for node, seconds in leg.stops.items():
         rest[node], wait[node] = True, seconds
     at, waits = standing_still(path, physics)
-    rest[at], wait[at] = True, 0.0
-    np.add.at(wait, at, waits)
+    rest[at], wait[at] = True, waits
     rest[[0, -1]] = True
     speed, time, _ = quickest(leg.distance, path, physics, rest, wait)
     return SpeedProfile(leg.distance, speed, time, wait)
@@ -185,12 +184,12 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
 def standing_still(path: Motion, physics: Physics) -> tuple[Ints, Floats]:
     """The nodes of a path where trucks stand by terms that act as a wait, in the middle of each stretch that
     one of them has a time for; and how long [s]."""
-    node, seconds = [np.zeros(0, np.int64)], [np.zeros(0)]
+    seconds = np.zeros(len(path))
     for stands in (field.along(path, 0.0) for field in physics.waits):
         first, end = np.flatnonzero(np.diff(stands > 0.0, prepend=False, append=False)).reshape(-1, 2).T
-        node.append((first + end - 1) // 2)
-        seconds.append(stands[node[-1]])
-    return np.concatenate(node), np.concatenate(seconds)
+        seconds[(first + end - 1) // 2] += stands[(first + end - 1) // 2]
+    node = np.flatnonzero(seconds)
+    return node, seconds[node]
 
 
 def quickest(

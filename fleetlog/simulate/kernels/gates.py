@@ -32,32 +32,24 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
 
 
 @inner
-def ask(r: Roads, f: Fleet, v: int, x: Limits, room: bool) -> None:
+def ask(r: Roads, f: Fleet, v: int, x: Limits, room: bool, now: float) -> None:
     """Ask those on the lane that ``v`` comes out onto to stop, with ``room`` there those it crosses too. Both
-    or neither: who had one of two lanes could wait for the other for ever."""
-    d = f.door[v]
+    or neither: who had one of two lanes could wait for the other for ever. For a while not from a bay where
+    somebody stands in its way: he is let go first, others would only stop for nothing behind him."""
+    d, patient = f.door[v], f.mode[v] == Mode.WANTS_OUT and now - f.waits[v] <= 2.0 * x.patience
     own, c = r.door_lane[d] if f.mode[v] == Mode.WANTS_OUT else -1, r.door_crosses[d] if room else -1
-    for lane in (own, c):
+    first, last = r.door_at[d] - x.length - x.gap, r.door_at[d] + r.door_ahead[d] + 0.3 + 0.5 * x.length
+    for lane, low, high in ((own, first, last), (c, r.door_low[d], r.door_high[d])):
         if lane >= 0 and f.asks[lane] >= 0 and f.asks[lane] != v:
             return
-    for lane, at in ((own, r.door_at[d] - x.length - x.gap), (c, r.door_low[d])):
-        if lane >= 0:
-            f.asks[lane], f.ask_at[lane] = v, at - SHORT
-
-
-@inner
-def is_worth_asking(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether a truck could come out if others stopped: nobody stands before its door, nor where it crosses.
-    Who stands there is let go first; others would only stop for nothing behind it."""
-    d, at = f.door[v], r.door_at[f.door[v]]
-    own = r.door_lane[d], at - x.length - x.gap, at + r.door_ahead[d] + 0.3 + 0.5 * x.length
-    for lane, low, high in (own, (r.door_crosses[d], r.door_low[d], r.door_high[d])):
-        u = f.tail[lane] if lane >= 0 else -1
+        u = f.tail[lane] if lane >= 0 and patient else -1
         while u >= 0:
             if low < f.s[u] <= high and f.v[u] < STANDS and f.mode[u] == Mode.DRIVING:
-                return False
+                return
             u = f.ahead[u]
-    return True
+    for lane, at in ((own, first), (c, r.door_low[d])):
+        if lane >= 0:
+            f.asks[lane], f.ask_at[lane] = v, at - SHORT
 
 
 @inner
@@ -131,9 +123,8 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     if free and fills_ring(r, f, v, 0):
         # Nobody stops for one that could not come even so; behind it a ring would never come apart.
         return 1
-    # In the end all the same: where somebody always stands it would wait for ever.
-    if late and (now - f.waits[v] > 2.0 * x.patience or is_worth_asking(r, f, v, x)):
-        ask(r, f, v, x, not free or f.on[lane] + f.inbound[lane] < r.capacity[lane])
+    if late:
+        ask(r, f, v, x, not free or f.on[lane] + f.inbound[lane] < r.capacity[lane], now)
     if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, False):
         return 1
     if not free and acquire(r, f, v, 0, x, late) != 0:
@@ -165,7 +156,7 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
             return 1
         if f.mode[v] == Mode.AT_BAY:
             # It holds up those behind it.
-            ask(r, f, v, x, True)
+            ask(r, f, v, x, True, now)
         if not may_cross(r, f, v, x):
             return 1
         take_spur(r, f, v)

@@ -240,9 +240,7 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
 
 @inner
 def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
-    """Give back what is behind the truck."""
-    if f.held_to[v] < f.held_from[v]:
-        return
+    """Give back what is behind a truck that has something reserved."""
     p = f.piece[v]
     if f.at[v] == f.held_to[v] and is_safe_lane(r, p) and f.s[v] >= r.clear[p]:
         release(r, f, v, f.held_to[v] + 1)
