@@ -8,8 +8,8 @@ from laws import corners, overlap
 from simulated_sites import TRUCK, aisle, grid, place
 
 from fleetlog.simulate.junctions import GAP
-from fleetlog.simulate.kernels import lanes
-from fleetlog.simulate.kernels.gates import ask, take_spur
+from fleetlog.simulate.kernels import gates, lanes
+from fleetlog.simulate.kernels.gates import ask
 from fleetlog.simulate.state import Mode, Trucks, limits_of, new_fleet
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.simulate.world import build_world
@@ -162,15 +162,16 @@ def test_who_comes_out_asks_nobody_while_somebody_stands_in_its_way_but_not_for_
             assert fleet.asks[lanes].tolist() == [asks, asks]
 
 
-def test_several_trucks_cross_a_lane_each_at_its_own_place():
+def test_several_trucks_cross_a_lane_each_at_its_own_place(monkeypatch):
     """Each is in the way until it is over, whichever is over first."""
     world = build_world(grid(3, 3, 60.0), TRUCK, 5)
     roads = world.roads
     fleet = new_fleet(3, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
     lane = int(roads.door_crosses[roads.door_crosses >= 0][0])
     fleet.door[:] = np.resize(np.flatnonzero(roads.door_crosses == lane), 3)
+    monkeypatch.setattr(gates, "asks_no_more", gates.asks_no_more.py_func)
     for v in range(3):
-        take_spur.py_func(roads, fleet, v)
+        gates.take_spur.py_func(roads, fleet, v)
     left = [0, 1, 2]
     for v in (1, 2, 0):
         lanes.drop.py_func(fleet.crossed, fleet.beside, v, lane)
