@@ -53,11 +53,11 @@ def learn(
     roads = described(found, noise)
     base = Site(dataset.path.name, dataset.site.frame, roads, dataset.site.traffic, zones=slow_zones(roads))
     learned, places = with_places(base, dataset, min_visits)
-    e, every = found.evidence, range(len(roads))
+    e, each = found.evidence, range(len(roads))
     table = pd.DataFrame({
         "edge_id": list(roads.edge_ids), "length_m": roads.length, "width_m": roads.width,
         "speed_limit": roads.speed_limit, "oneway": roads.reverse < 0, "passes": e.mean_passes(roads),
-        "trucks": [len(e.vehicles.get(i, ())) for i in every], "days": [len(e.days.get(i, ())) for i in every],
+        "trucks": [len(e.vehicles.get(i, ())) for i in each], "days": [len(e.days.get(i, ())) for i in each],
     })  # fmt: skip
     lacking = proposals(roads, table, _in_frame(site, base.frame)) if site is not None else None
     return learned, _result(learned, cells, table, places, lacking, e)
