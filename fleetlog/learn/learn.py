@@ -53,9 +53,14 @@ def learn(
     roads = described(found, noise)
     base = Site(dataset.path.name, dataset.site.frame, roads, dataset.site.traffic, zones=slow_zones(roads))
     learned, places = with_places(base, dataset, min_visits)
-    table = road_table(roads, found)
+    e, each = found.evidence, range(len(roads))
+    table = pd.DataFrame({
+        "edge_id": list(roads.edge_ids), "length_m": roads.length, "width_m": roads.width,
+        "speed_limit": roads.speed_limit, "oneway": roads.reverse < 0, "passes": e.mean_passes(roads),
+        "trucks": [len(e.vehicles.get(i, ())) for i in each], "days": [len(e.days.get(i, ())) for i in each],
+    })  # fmt: skip
     lacking = proposals(roads, table, _in_frame(site, base.frame)) if site is not None else None
-    return learned, _result(learned, cells, table, places, lacking, found.evidence)
+    return learned, _result(learned, cells, table, places, lacking, e)
 
 
 def write_learned(site: Site, result: Result, folder: Path) -> None:
@@ -100,29 +105,16 @@ def described(found: Roads, noise: float) -> Network:
     below = [np.cumsum(histogram) for histogram in found.evidence.speeds]
     free = [float((np.searchsorted(b, FREE * b[-1]) + 1) * SPEED_STEP) for b in below]
     limits = [math.nan if b[-1] < FEW else v for b, v in zip(below, free, strict=True)]
-    widths = [_width(found, i, bool(both[i]), noise) for i in range(len(n))]
+    # Of the floor that trucks' middles cover, or twice the gap between both directions' lines.
+    apart = [
+        2.0 * float(np.ptp(fit.left)) if pair else 1.0 for fit, pair in zip(found.fits, both, strict=True)
+    ]
+    ways = zip(found.fits, both | found.forth, both | ~found.forth, apart, strict=True)
+    widths = [round(max(fit.covered(np.array(way), noise), gap, 1.0), 2) for fit, *way, gap in ways]
     told = zip(n.edges(), names, limits, widths, strict=True)
     edges = [replace(e, id=name, speed_limit=limit, width=width) for e, name, limit, width in told]
     turns = [(names[i], names[int(j)]) for i in range(len(n)) for j in n.successors(i)]
     return build_network(edges, turns, has_elevation=False)
-
-
-def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
-    """Width [m] of the floor that trucks' middles cover, or twice the gap between both directions' lines."""
-    fit, forth = found.fits[edge], bool(found.forth[edge])
-    apart = float(np.ptp(fit.left)) if both else 0.0
-    return round(max(fit.covered(np.array([both or forth, both or not forth]), noise), 2.0 * apart, 1.0), 2)
-
-
-def road_table(network: Network, found: Roads) -> pd.DataFrame:
-    """One row a directed edge: its length and speed, and its evidence: passes, trucks, days."""
-    e = found.evidence
-    return pd.DataFrame({
-        "edge_id": list(network.edge_ids), "length_m": network.length, "width_m": network.width,
-        "speed_limit": network.speed_limit, "oneway": network.reverse < 0, "passes": e.mean_passes(network),
-        "trucks": [len(e.vehicles.get(i, ())) for i in range(len(network))],
-        "days": [len(e.days.get(i, ())) for i in range(len(network))],
-    })  # fmt: skip
 
 
 def _result(

@@ -1,6 +1,5 @@
 """Centre lines fitted to the traces: the middle across the way at every metre, straight into junctions."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,18 +47,14 @@ def refined(chains: list[Chain], driven: Mask, cells: Driven, reach: float, roun
     for _ in range(rounds):
         chains = [_resampled(f.chain) for f in fits]
         fits = _meeting(_fitted(chains, driven, cells, reach))
-    whole = zip(fits, _reaching(fits, cells, reach), strict=True)
-    return [replace(f, chain=replace(c, points=reduced(c.points, FINE))) for f, c in whole]
-
-
-def _reaching(fits: list[Fit], cells: Driven, reach: float) -> Iterator[Chain]:
-    """Dead ends as far as trucks drove: thinning takes a little of every end."""
     at = ends([f.chain for f in fits])
-    for chain in (f.chain for f in fits):
-        points = chain.points
-        for node in (chain.end, chain.start):
+    for k, f in enumerate(fits):
+        points = f.chain.points
+        # Dead ends as far as trucks drove: thinning takes a little of every end.
+        for node in (f.chain.end, f.chain.start):
             points = (_extended(points, cells, reach) if len(at[node]) == 1 else points)[::-1]
-        yield replace(chain, points=points)
+        fits[k] = replace(f, chain=replace(f.chain, points=reduced(points, FINE)))
+    return fits
 
 
 def _extended(points: Floats, cells: Driven, reach: float) -> Floats:

@@ -127,6 +127,11 @@ class Physics:
         known = sorted(all_terms().items())
         return [t for n, t in known if (t.nominal or n in used) and n not in self.off]
 
+    @property
+    def waits(self) -> list[Field]:
+        """Where trucks stand, of every term that acts so."""
+        return [self.fields[t.name] for t in self.active if t.acts == "wait" and t.name in self.fields]
+
     def values_along(self, term: Term, motion: Motion) -> Values:
         """The values of a term's parameters, its field looked up along the motion."""
         values = self.values.get(term.name, {})

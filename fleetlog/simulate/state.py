@@ -20,7 +20,7 @@ PLAN = 0.9  # Share of its braking that a truck plans with
 STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
 NOT_ZERO: dict[str, float] = {
     "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,
-    "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf,
+    "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "beside": -1, "waits": np.inf,
     "hand_start": -np.inf, "until": -np.inf, "attention": 1, "stood": -1,
 }  # fmt: skip
 """What trucks that are nowhere yet, and empty roads, begin with; all else with 0."""
@@ -46,7 +46,7 @@ class Roads(NamedTuple):
     cap: Floats
     """(2 K, S) highest speed of truck k without (row 2 k) and with a load (2 k + 1), braking ahead of every
     bend included [m/s]."""
-    wait_first: Ints  # (K E + 1,) stops by term ``waiting``: those of truck k on lane e from k E + e on
+    wait_first: Ints  # (K E + 1,) stops by terms that wait: those of truck k on lane e from k E + e on
     wait_at: Floats  # Where [m], in order
     wait_for: Floats  # For how long [s]
     walk_at: Floats  # (E,) where trucks stop when people cross the lane [m]; inf: nobody does
@@ -125,7 +125,9 @@ class Fleet(NamedTuple):
     last_out: Index
     asks: Index  # (E,) the truck for which others stop on a lane, -1: none
     ask_at: Floats  # (E,) where they stop for it [m]
-    crossed: Index  # (E,) the truck that is to cross a lane, or does, on its way into a bay or out, -1: none
+    crossed: Index  # (E,) one that is to cross a lane, or does, on its way into a bay or out, -1: none
+    beside: Index  # (V,) another that crosses the same lane, -1: none
+    crosses: Mask  # (V,) whether a truck is to cross a lane, or does
     walked: Mask  # (E,) whether people cross a lane now
     entry: Mask  # Whether a truck on the road has the ground of its bay reserved
     held: Index

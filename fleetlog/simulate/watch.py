@@ -66,7 +66,7 @@ class Watch:
             for k in range(int(f.at[v]), self._end(v) + 1):
                 piece = int(f.route[v, k])
                 found = [f.tail[piece]] if k > f.at[v] else []
-                found += [f.crossed[piece]] if piece < len(r.clear) else []
+                found += np.flatnonzero(f.crosses & (r.door_crosses[f.door] == piece)).tolist()
                 # Who is past the mark does not stop there.
                 if piece < len(r.clear) and (k > f.at[v] or f.s[v] < f.ask_at[piece] + 0.1):
                     found.append(f.asks[piece])

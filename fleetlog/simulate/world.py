@@ -140,12 +140,11 @@ def caps(site: Site, track: Track, physics: Physics) -> Floats:
 
 
 def stops_to_wait(track: Track, j: Junctions, physics: list[Physics]) -> tuple[Ints, Floats, Floats]:
-    """(K E + 1,) first stops of trucks k on lanes e, where they are [m] and how long each lasts [s]: those of
-    the term ``waiting``; of one in a junction, where the lane has room beside it."""
+    """(K E + 1,) first stops of trucks k on lanes e, where they are [m] and how long each lasts [s]: by terms
+    that act as a wait; of one in a junction, where the lane has room beside it."""
     network, stops = track.network, list[tuple[int, float, float]]()
     for k, p in enumerate(physics):
-        edges = p.fields["waiting"].edge if "waiting" in p.fields else np.zeros(0, np.int32)
-        for e in np.unique(edges[edges >= 0]).tolist():
+        for e in sorted({e for where in p.waits for e in where.edge.tolist() if e >= 0}):
             along = np.linspace(0.0, network.length[e], int(network.length[e] / SPACING) + 2)
             path = Motion.of(len(along), edge=np.full(len(along), e), edge_offset=along)
             node, seconds = standing_still(path, p)

@@ -8,7 +8,7 @@ from laws import corners, overlap
 from simulated_sites import TRUCK, aisle, grid, place
 
 from fleetlog.simulate.junctions import GAP
-from fleetlog.simulate.kernels import lanes
+from fleetlog.simulate.kernels import gates, lanes
 from fleetlog.simulate.kernels.gates import ask
 from fleetlog.simulate.state import Mode, Trucks, limits_of, new_fleet
 from fleetlog.simulate.tasks import Demand, Task
@@ -132,11 +132,54 @@ def test_who_crosses_a_lane_asks_for_both_lanes_or_for_neither():
     door = int(np.flatnonzero(roads.door_crosses >= 0)[0])
     lanes = [roads.door_lane[door], roads.door_crosses[door]]
     fleet.mode[:], fleet.door[:], fleet.asks[lanes[1]] = Mode.WANTS_OUT, door, 1
-    ask.py_func(roads, fleet, 0, x, True)
+    ask.py_func(roads, fleet, 0, x, True, 0.0)
     assert fleet.asks[lanes].tolist() == [-1, 1]
     fleet.asks[lanes[1]] = -1
-    ask.py_func(roads, fleet, 0, x, True)
+    ask.py_func(roads, fleet, 0, x, True, 0.0)
     assert fleet.asks[lanes].tolist() == [0, 0]
+
+
+def test_who_comes_out_asks_nobody_while_somebody_stands_in_its_way_but_not_for_ever():
+    world = build_world(grid(3, 3, 60.0), TRUCK, 5)
+    roads, kinds = world.roads, Trucks.given(TRUCK, 2)
+    x = limits_of([TRUCK], kinds.of, TRUCK.chassis.length, GAP)
+    door = int(np.flatnonzero(roads.door_crosses >= 0)[0])
+    lanes, ground = (
+        [roads.door_lane[door], roads.door_crosses[door]],
+        (roads.door_at[door], roads.door_low[door] + 1.0),
+    )
+    for lane, at in zip(lanes, ground, strict=True):
+        for where, pace, waited, asks in [
+            (0.0, 0.0, 20.0, -1),
+            (0.0, 1.0, 20.0, 0),
+            (9.0, 0.0, 20.0, 0),
+            (0.0, 0.0, 40.0, 0),
+        ]:
+            fleet = new_fleet(2, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
+            fleet.mode[:], fleet.door[0], fleet.waits[0] = (Mode.WANTS_OUT, Mode.DRIVING), door, 0.0
+            fleet.piece[1], fleet.tail[lane], fleet.s[1], fleet.v[1] = lane, 1, at + where, pace
+            ask.py_func(roads, fleet, 0, x, True, waited)
+            assert fleet.asks[lanes].tolist() == [asks, asks]
+
+
+def test_several_trucks_cross_a_lane_each_at_its_own_place(monkeypatch):
+    """Each is in the way until it is over, whichever is over first."""
+    world = build_world(grid(3, 3, 60.0), TRUCK, 5)
+    roads = world.roads
+    fleet = new_fleet(3, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
+    lane = int(roads.door_crosses[roads.door_crosses >= 0][0])
+    fleet.door[:] = np.resize(np.flatnonzero(roads.door_crosses == lane), 3)
+    monkeypatch.setattr(gates, "asks_no_more", gates.asks_no_more.py_func)
+    for v in range(3):
+        gates.take_spur.py_func(roads, fleet, v)
+    left = [0, 1, 2]
+    for v in (1, 2, 0):
+        lanes.drop.py_func(fleet.crossed, fleet.beside, v, lane)
+        left.remove(v)
+        u, found = fleet.crossed[lane], []
+        while u >= 0:
+            found, u = [*found, int(u)], fleet.beside[u]
+        assert sorted(found) == left
 
 
 def heeded(fleet, roads, v, lane):
@@ -201,6 +244,7 @@ def test_who_has_turned_off_a_lane_is_in_nobodys_way_there(monkeypatch):
     lane, crosses = roads.door_lane[door], roads.door_crosses[door]
     fleet.mode[0], fleet.door[0], fleet.piece[0] = Mode.ENTERING, door, lane
     fleet.tail[lane], fleet.on[lane], fleet.crossed[crosses], fleet.v[0] = 0, 1, 0, 1.0
+    fleet.crosses[0] = True
     for name in ("drop", "is_safe_lane", "release"):
         monkeypatch.setattr(lanes, name, getattr(lanes, name).py_func)
     found = []

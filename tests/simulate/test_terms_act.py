@@ -11,6 +11,7 @@ from simulated_sites import PLACES, TRUCK, grid
 import fleetlog
 from fleetlog.physics.field import mirrored, stretches
 from fleetlog.physics.power import Physics, all_terms
+from fleetlog.physics.term import Parameter, Term
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.store import DatasetWriter
 
@@ -157,6 +158,21 @@ def test_a_term_acts_in_every_mode(term, mode, recording, nominal):
         assert after > factor * before
     else:
         assert after < factor * before
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_term_of_ones_own_that_waits_does_what_the_built_in_one_does(mode, recording, monkeypatch):
+    own = Term("gate", "wait", "a gate opens slowly", (Parameter("delay", "s", 0.0, 60.0),), field=True)
+    monkeypatch.setitem(all_terms(), own.name, own)
+    by_name = {name: along(6.0, kept=12.0) for name in ("waiting", "gate")}
+    built_in, mine = (simulated(mode, Physics(AIR, fields={n: f}), recording) for n, f in by_name.items())
+    for a, b in zip(built_in, mine, strict=True):
+        assert (a.floats("speed") == b.floats("speed")).all() and (a.floats("x") == b.floats("x")).all()
+    # Where both act trucks stand for the one and for the other; where one is off, for the other.
+    both = simulated(mode, Physics(AIR, fields=by_name), recording)
+    assert stands_on_the_way(both) > 1.2 * stands_on_the_way(mine) > 0
+    left = simulated(mode, Physics(AIR, fields=by_name, off=frozenset(["waiting"])), recording)
+    assert all((a.floats("x") == b.floats("x")).all() for a, b in zip(left, mine, strict=True))
 
 
 def test_a_load_that_outlasts_motion_is_the_same_wherever_batches_end():

@@ -182,13 +182,14 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
 
 
 def standing_still(path: Motion, physics: Physics) -> tuple[Ints, Floats]:
-    """The nodes of a path where trucks stand by the term ``waiting``, in the middle of each stretch that has
-    a waiting time; and how long [s]."""
-    acts = "waiting" in physics.fields and "waiting" not in physics.off
-    stands = physics.fields["waiting"].along(path, 0.0) if acts else np.zeros(len(path))
-    first, end = np.flatnonzero(np.diff(stands > 0.0, prepend=False, append=False)).reshape(-1, 2).T
-    middle = (first + end - 1) // 2
-    return middle, stands[middle]
+    """The nodes of a path where trucks stand by terms that act as a wait, in the middle of each stretch that
+    one of them has a time for; and how long [s]."""
+    seconds = np.zeros(len(path))
+    for stands in (field.along(path, 0.0) for field in physics.waits):
+        first, end = np.flatnonzero(np.diff(stands > 0.0, prepend=False, append=False)).reshape(-1, 2).T
+        seconds[(first + end - 1) // 2] += stands[(first + end - 1) // 2]
+    node = np.flatnonzero(seconds)
+    return node, seconds[node]
 
 
 def quickest(

@@ -4,7 +4,7 @@ import numpy as np
 
 from fleetlog.compiling import inner
 from fleetlog.simulate.kernels.lanes import acquire, fills_ring, insert, is_free, is_safe_lane, wait_ahead
-from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
+from fleetlog.simulate.state import STANDS, Fleet, Limits, Mode, Roads
 
 SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]
 
@@ -32,15 +32,22 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
 
 
 @inner
-def ask(r: Roads, f: Fleet, v: int, x: Limits, room: bool) -> None:
+def ask(r: Roads, f: Fleet, v: int, x: Limits, room: bool, now: float) -> None:
     """Ask those on the lane that ``v`` comes out onto to stop, with ``room`` there those it crosses too. Both
-    or neither: who had one of two lanes could wait for the other for ever."""
-    d = f.door[v]
+    or neither: who had one of two lanes could wait for the other for ever. For a while not from a bay where
+    somebody stands in its way: he is let go first, others would only stop for nothing behind him."""
+    d, patient = f.door[v], f.mode[v] == Mode.WANTS_OUT and now - f.waits[v] <= 2.0 * x.patience
     own, c = r.door_lane[d] if f.mode[v] == Mode.WANTS_OUT else -1, r.door_crosses[d] if room else -1
-    for lane in (own, c):
+    first, last = r.door_at[d] - x.length - x.gap, r.door_at[d] + r.door_ahead[d] + 0.3 + 0.5 * x.length
+    for lane, low, high in ((own, first, last), (c, r.door_low[d], r.door_high[d])):
         if lane >= 0 and f.asks[lane] >= 0 and f.asks[lane] != v:
             return
-    for lane, at in ((own, r.door_at[d] - x.length - x.gap), (c, r.door_low[d])):
+        u = f.tail[lane] if lane >= 0 and patient else -1
+        while u >= 0:
+            if low < f.s[u] <= high and f.v[u] < STANDS and f.mode[u] == Mode.DRIVING:
+                return
+            u = f.ahead[u]
+    for lane, at in ((own, first), (c, r.door_low[d])):
         if lane >= 0:
             f.asks[lane], f.ask_at[lane] = v, at - SHORT
 
@@ -58,8 +65,9 @@ def take_spur(r: Roads, f: Fleet, v: int) -> None:
     """Reserve the way into a bay or out of it, and the lane that it crosses; ask no longer."""
     d = f.door[v]
     asks_no_more(r, f, v)
-    if r.door_crosses[d] >= 0:
-        f.crossed[r.door_crosses[d]] = v
+    c = r.door_crosses[d]
+    if c >= 0:
+        f.beside[v], f.crossed[c], f.crosses[v] = f.crossed[c], v, True
     f.held[len(r.length) + 2 * len(r.clear) + d] += 1
 
 
@@ -86,7 +94,7 @@ def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the lane that the door crosses is clear, and nobody comes who could not stop before it."""
     d = f.door[v]
     lane, low = r.door_crosses[d], r.door_low[d]
-    return lane < 0 or (f.crossed[lane] < 0 and is_clear(r, f, lane, low, r.door_high[d], False, x))
+    return lane < 0 or is_clear(r, f, lane, low, r.door_high[d], False, x)
 
 
 @inner
@@ -116,7 +124,7 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
         # Nobody stops for one that could not come even so; behind it a ring would never come apart.
         return 1
     if late:
-        ask(r, f, v, x, not free or f.on[lane] + f.inbound[lane] < r.capacity[lane])
+        ask(r, f, v, x, not free or f.on[lane] + f.inbound[lane] < r.capacity[lane], now)
     if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, False):
         return 1
     if not free and acquire(r, f, v, 0, x, late) != 0:
@@ -148,7 +156,7 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
             return 1
         if f.mode[v] == Mode.AT_BAY:
             # It holds up those behind it.
-            ask(r, f, v, x, True)
+            ask(r, f, v, x, True, now)
         if not may_cross(r, f, v, x):
             return 1
         take_spur(r, f, v)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from fleetlog.compiling import inner
+from fleetlog.core.arrays import Index
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 NEAR = 0.02  # At rest this close to its mark a truck is there [m]
@@ -33,16 +34,16 @@ def wait_ahead(r: Roads, f: Fleet, x: Limits, v: int, lane: int) -> int:
 
 
 @inner
-def drop(f: Fleet, v: int, piece: int) -> None:
-    """Leave a piece's queue."""
-    if f.tail[piece] == v:
-        f.tail[piece] = f.ahead[v]
+def drop(first: Index, after: Index, v: int, piece: int) -> None:
+    """Leave a piece's queue: who is ``first`` (P,) in each, and who is ``after`` (V,) each truck."""
+    if first[piece] == v:
+        first[piece] = after[v]
     else:
-        u = f.tail[piece]
-        while f.ahead[u] != v:
-            u = f.ahead[u]
-        f.ahead[u] = f.ahead[v]
-    f.ahead[v] = -1
+        u = first[piece]
+        while after[u] != v:
+            u = after[u]
+        after[u] = after[v]
+    after[v] = -1
 
 
 @inner
@@ -159,8 +160,8 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     if u >= 0:
         pace = f.v[u] if f.mode[u] == Mode.DRIVING else 0.0
         last = min(last, f.s[u] + pace * pace / (2.0 * x.down[u]) - x.length - x.gap)
-    if crosses >= 0:
-        last = min(last, r.door_low[f.door[crosses]])
+    while crosses >= 0:
+        last, crosses = min(last, r.door_low[f.door[crosses]]), f.beside[crosses]
     return f.on[lane] + inbound < room and inbound * (x.length + x.gap) <= last - r.clear[lane]
 
 
@@ -221,7 +222,7 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
             f.s[v] = r.length[p]
             return
         f.s[v] -= r.length[p]
-        drop(f, v, p)
+        drop(f.tail, f.ahead, v, p)
         f.at[v] += 1
         q = f.route[v, f.at[v]]
         if p < len(r.clear):
@@ -239,9 +240,7 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
 
 @inner
 def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
-    """Give back what is behind the truck."""
-    if f.held_to[v] < f.held_from[v]:
-        return
+    """Give back what is behind a truck that has something reserved."""
     p = f.piece[v]
     if f.at[v] == f.held_to[v] and is_safe_lane(r, p) and f.s[v] >= r.clear[p]:
         release(r, f, v, f.held_to[v] + 1)
@@ -279,11 +278,12 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
     d, at, enters = f.door[v], f.spur[v], f.mode[v] == Mode.ENTERING
     lane, c, end = r.door_lane[d], r.door_crosses[d], r.door_length[d] if enters else 0.0
     there = abs(end - at) < NEAR and f.v[v] < REST
-    if c >= 0 and f.crossed[c] == v and (there or (at >= r.door_over[d] if enters else at <= r.door_onto[d])):
-        f.crossed[c] = -1
+    if f.crosses[v] and (there or (at >= r.door_over[d] if enters else at <= r.door_onto[d])):
+        f.crosses[v] = False
+        drop(f.crossed, f.beside, v, c)
     # A single-lane aisle is kept to the end: given back earlier, who is to come out there waits for longer.
     if enters and f.piece[v] >= 0 and (there or (is_safe_lane(r, lane) and at >= r.door_off[d])):
-        drop(f, v, lane)
+        drop(f.tail, f.ahead, v, lane)
         f.on[lane] -= 1
         f.piece[v] = -1
         release(r, f, v, f.held_to[v] + 1)

@@ -103,17 +103,6 @@ def at_distance(d: Drives, node: int, high: int, x: float) -> tuple[float, float
 
 
 @inner
-def skip_open(g: Gates, s: State, u: int) -> None:
-    """Forget the gates of truck ``u`` that cannot close any more."""
-    while s.gate[u] < g.first[u + 1]:
-        p = s.gate[u]
-        goes = s.goes_first[g.meeting[p]]
-        if goes < 0 or (goes != g.side[p] and s.node[g.truck[p]] < g.node[p]):
-            return
-        s.gate[u] += 1
-
-
-@inner
 def opens_before(d: Drives, g: Gates, s: State, q: int, ahead: float, pace: float, down: Floats) -> bool:
     """Whether gate ``q`` opens before a truck with ``ahead`` [m] to go comes there, at most at ``pace``: the
     other truck, on the trip in question, can no longer stop before it has passed."""
@@ -207,7 +196,13 @@ def meet(first_trip: Ints, d: Drives, g: Gates, s: State, up: Floats, down: Floa
                 s.begin[k], step = start, min(now + STEP - start, STEP)
                 s.node[u], s.phase[u], s.clock[u] = d.first[k], ALONE, 0.0
             soonest = now
-            skip_open(g, s, u)
+            # Gates that cannot close any more are forgotten.
+            while s.gate[u] < g.first[u + 1]:
+                p = s.gate[u]
+                goes = s.goes_first[g.meeting[p]]
+                if goes < 0 or (goes != g.side[p] and s.node[g.truck[p]] < g.node[p]):
+                    break
+                s.gate[u] += 1
             go_on(d, s, u, room_ahead(d, g, s, u, up, down), step, up[u], down[u])
             if n == len(log):
                 log = np.concatenate((log, np.empty_like(log)))

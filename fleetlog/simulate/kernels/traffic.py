@@ -24,7 +24,7 @@ def cap_at(r: Roads, piece: int, s: float, row: int) -> float:
 
 @inner
 def stop_ahead(r: Roads, f: Fleet, v: int, x: Limits, j: int, u: int, off: float) -> float:
-    """Metres to where others, or the term ``waiting``, make a truck stop on the lane at route position ``j``,
+    """Metres to where others, or a term that waits, make a truck stop on the lane at route position ``j``,
     ``off`` m ahead, or inf; ``u`` is the truck before it on that lane, -1: nobody."""
     p, room = f.route[v, j], np.inf
     o, waits = f.last_out[p], wait_ahead(r, f, x, v, p)
@@ -42,8 +42,11 @@ def stop_ahead(r: Roads, f: Fleet, v: int, x: Limits, j: int, u: int, off: float
         room = min(room, max(off + f.ask_at[p], 0.0))
     if f.walked[p] and off + r.walk_at[p] > too_late:
         room = min(room, max(off + r.walk_at[p], 0.0))
-    if crosses >= 0 and (j > f.at[v] or f.s[v] <= r.door_high[f.door[crosses]]):
-        room = min(room, max(off + r.door_low[f.door[crosses]], 0.0))
+    while crosses >= 0:
+        d = f.door[crosses]
+        if j > f.at[v] or f.s[v] <= r.door_high[d]:
+            room = min(room, max(off + r.door_low[d], 0.0))
+        crosses = f.beside[crosses]
     return room
 
 
