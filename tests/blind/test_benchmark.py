@@ -23,6 +23,9 @@ from run import run
         # Waits on stretches of lanes that are not those of roads; corners that are cut (decision 42).
         "auxiliary_load+laden_speed+waiting,seed=5007",
         "cornering_resistance,site=grid,seed=4011,vehicles=10,hours=1.0",
+        # A hill beside junctions, a load that grows as the day warms, zones of which one ends at a junction (54).
+        "grade+surface_resistance,together=road,seed=4306",
+        "auxiliary_load,scope=drift,seed=4306,vehicles=6,hours=2.0", "speed_zone,site=ramps,seed=4306",
     ],
 )  # fmt: skip
 def test_concealed_effects_are_named(name: str, tmp_path: Path) -> None:
@@ -31,3 +34,6 @@ def test_concealed_effects_are_named(name: str, tmp_path: Path) -> None:
     assert not row["faults"]
     waits = [n for e in row["effects"] if e["term"] == "waiting" for n in e["numbers"]]
     assert all(inside(n) for n in waits), waits
+    # Noise is what a right model leaves, be what it explains large or small.
+    for c in row["found"]["channels"]:
+        assert c["floor"] is None or 0.5 < c["after"] / c["floor"] < 2.0, c

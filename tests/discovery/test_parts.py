@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -449,6 +450,33 @@ def test_a_field_beside_junctions_alone_is_none(
     ))  # fmt: skip
     problem = cast(Problem, SimpleNamespace(channel=channel))
     assert forward._at_junctions(problem, joint, joint) is beside
+
+
+def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_noise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of two names that noise hides the simpler goes first; the noise about it parts them."""
+    names = [Hypothesis("thermal_load"), Hypothesis("auxiliary_load")]
+
+    def joint(chosen: Sequence[Hypothesis]) -> Joint:
+        return cast(Joint, SimpleNamespace(chosen=tuple(chosen), model=None, losses=np.zeros(1)))
+
+    class Noisy:
+        settings, noisy = SimpleNamespace(most_findings=1), True
+
+        def learn_anew(self, *_: object) -> bool:
+            was, self.noisy = self.noisy, False
+            return was
+
+    def step(problem: Noisy, found: forward.Search) -> tuple[Joint, Joint]:
+        return found.joint, joint([*found.joint.chosen, names[0 if problem.noisy else 1]])
+
+    monkeypatch.setattr(forward, "_step", step)
+    monkeypatch.setattr(forward, "refit", lambda problem, model, chosen: joint(chosen))
+    for last in ("_pruned", "_shaped"):
+        monkeypatch.setattr(forward, last, lambda problem, found: found)
+    found = forward.search(cast(Problem, Noisy()), cast(Model, None))
+    assert found.joint.chosen == (names[1],)
 
 
 def test_a_stretch_gains_no_more_than_a_plausible_value_of_it() -> None:
