@@ -13,7 +13,7 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.files import open_regular
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.truck import Truck
-from fleetlog.errors import DataError, InputError, nearest
+from fleetlog.errors import DataError, InputError, chosen, nearest
 from fleetlog.physics.cycles import VDI_SPEED, Piece, legs, lift, run, vdi_pieces
 from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.power import Physics, battery_power, ledger, term_forces
@@ -125,15 +125,14 @@ def read_runs(path: Path) -> list[Run]:
 def _run(row: dict[str, str | None], path: Path, place: str) -> Run:
     given = {k.strip(): v.strip() for k, v in row.items() if k is not None and v and v.strip()}
     kind = given.pop("kind", "")
-    if kind not in KINDS:
-        raise InputError(f"unknown kind of run {kind!r}", where=path, place=place, do=nearest(kind, KINDS))
+    needed, _ = chosen(KINDS, kind, f"unknown kind of run {kind!r}", InputError, where=path, place=place)
     name, numbers = given.pop("run", f"{kind} {place.removeprefix('row ')}"), {}
     for column, text in given.items():
         try:
             numbers[column] = LIMITS.get(column, Between())(text)
         except ValueError as wrong:
             raise InputError(str(wrong), where=path, place=f"{place}, {column}") from None
-    for column in KINDS[kind][0]:
+    for column in needed:
         if column not in given:
             raise InputError(f"a run of kind {kind} needs {column!r}", where=path, place=place)
     run = Run(name, kind, **numbers)

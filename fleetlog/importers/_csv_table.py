@@ -51,8 +51,6 @@ class Block:
 
     def texts(self, numbers: list[int]) -> list[str]:
         """The text of some lines, by their numbers."""
-        if not numbers:
-            return []
         lines = self.text.decode("utf-8", "replace").split("\n")
         return [lines[n - self.first].rstrip("\r") for n in numbers]
 

@@ -83,8 +83,7 @@ def _add_roads(raw: list[Any], tally: Tally) -> set[str]:
                 limit, width = (_positive(properties.get(k), k) for k in ("speed_limit", "width"))
                 tally.keep(Edge(road, start, end, _points(part), road, limit, width))
                 oneway |= {road} if _truth(properties.get("oneway")) else set()
-    if unnamed:
-        tally.notes.append(f"{unnamed} roads have no id and are numbered by their place in the file")
+    tally.note(unnamed, "roads have no id and are numbered by their place in the file")
     for key, count in sorted(unread.items()):
         if close := difflib.get_close_matches(key.lower(), KNOWN, n=1, cutoff=0.75):
             tally.notes.append(f"property {key!r} of {count} roads is not read; did you mean {close[0]!r}?")
