@@ -235,9 +235,7 @@ def together(parts: list[Observations]) -> Observations:
 
 def observations(path: Path, physics: Physics) -> Observations:
     """The measured figures of one table or dataset."""
-    if path.is_dir():
-        return of_dataset(Dataset(path), physics)
-    return of_runs(read_runs(path), physics.truck)
+    return of_dataset(Dataset(path), physics) if path.is_dir() else of_runs(read_runs(path), physics.truck)
 
 
 def of_dataset(dataset: Dataset, physics: Physics) -> Observations:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -154,15 +154,13 @@ class Model:
                 always[name] = other
         return [*([Own(always)] if always else []), *self._timed(vehicle)]
 
-    def _timed(self, vehicle: int) -> list[Own]:
+    def _timed(self, vehicle: int) -> Iterator[Own]:
         """What one vehicle has for a while."""
-        out = []
         for knob in self.at:
             s = knob.scope
             if s.timed and s.covers(vehicle):
                 value = knob.definition.value_of(self.in_force(knob, vehicle))
-                out.append(Own({knob.term: {knob.parameter: value}}, None, s.begin, s.until, s.drift))
-        return out
+                yield Own({knob.term: {knob.parameter: value}}, None, s.begin, s.until, s.drift)
 
     def share(self, term: str, vehicle: int, time: Floats) -> Floats:
         """Return how far the field of a term is there at some times of a vehicle, (N,)."""

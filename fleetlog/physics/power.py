@@ -124,8 +124,7 @@ class Physics:
     def active(self) -> list[Term]:
         """Nominal terms and added ones, in the order of their names."""
         used = {*self.values, *self.fields}
-        known = sorted(all_terms().items())
-        return [t for n, t in known if (t.nominal or n in used) and n not in self.off]
+        return [t for n, t in all_terms().items() if (t.nominal or n in used) and n not in self.off]
 
     def values_along(self, term: Term, motion: Motion) -> Values:
         """The values of a term's parameters, its field looked up along the motion."""

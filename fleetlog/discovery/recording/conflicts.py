@@ -203,8 +203,7 @@ def _met(n: _Nodes, reach: Floats) -> tuple[Ints, Ints]:
     """Pairs of a node and one of another vehicle near it that was left in the time that may matter."""
     column, row = np.floor(n.x / WIDTH).astype(np.int64), np.floor(n.y / WIDTH).astype(np.int64)
     origin = n.arrive.min()
-    everyone = np.arange(len(reach))
-    early, late = n.arrive[_before(n, everyone, reach)] - origin, n.arrive - origin + CLOSE
+    early, late = n.arrive[_before(n, np.arange(len(reach)), reach)] - origin, n.arrive - origin + CLOSE
     left = n.leave - origin
     span = float(max(left.max(), late.max())) + 1.0
 

@@ -156,8 +156,7 @@ def _spread(values: list[float]) -> float:
 
 def _looked(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Look]]:
     some = fleet.some(LOOKED_AT)
-    days = [d for k, d in fleet.on(date) if k in some]
-    blocks = (fleet.block(d.vehicle, d.load()) for d in days)
+    blocks = (fleet.block(d.vehicle, d.load()) for k, d in fleet.on(date) if k in some)
     return [(b.vehicle, look) for b in blocks for look in _looks(b, fleet, split)]
 
 
