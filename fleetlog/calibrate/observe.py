@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -198,18 +198,17 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
     return Observations(measured, np.full(count, sigma), labels, predict, doubt)
 
 
-def _doubts(motion: Motion, physics: Physics) -> list[Floats]:
+def _doubts(motion: Motion, physics: Physics) -> Iterator[Floats]:
     """(N,) watts, one standard deviation each, by which estimated power may be off altogether."""
     forces = term_forces(motion, physics)
-    rows = [MODEL_DOUBT * watts for watts in ledger(motion, physics, forces).values()]
+    yield from (MODEL_DOUBT * watts for watts in ledger(motion, physics, forces).values())
     work = sum(forces.values(), np.zeros(len(motion))) * motion.speed
     drive = physics.truck.drive
-    rows.append(BRAKING_DOUBT * np.maximum(-work, 0.0) * (1.0 / drive.efficiency - drive.regeneration))
+    yield BRAKING_DOUBT * np.maximum(-work, 0.0) * (1.0 / drive.efficiency - drive.regeneration)
     # The form over speed: so much more at twice the usual speed.
     moving = motion.speed[motion.speed > 0.0]
     usual = float(np.sqrt(np.mean(moving**2))) if len(moving) else 1.0
-    rows.append(MODEL_DOUBT * np.maximum(work, 0.0) / drive.efficiency * (motion.speed / usual - 1.0))
-    return rows
+    yield MODEL_DOUBT * np.maximum(work, 0.0) / drive.efficiency * (motion.speed / usual - 1.0)
 
 
 def _deviation(residual: Floats) -> float:

@@ -151,9 +151,8 @@ def table(
             out[key] = check(value)
         except Wrong as wrong:
             raise error(f"{shown(value)} {wrong}", where=where, place=spot, do="correct it") from None
-    for key in required:
-        if key not in out:
-            raise error(f"{key} is missing", where=where, place=place or None, do=f"add {key} = ...")
+    if (key := next((k for k in required if k not in out), None)) is not None:
+        raise error(f"{key} is missing", where=where, place=place or None, do=f"add {key} = ...")
     return out
 
 

@@ -119,8 +119,7 @@ def _own(data: Any, place: str, network: Network | None, file: Path) -> Own:
 
 
 def _term(name: str, file: Path) -> Term:
-    place = f"term.{name}"
-    return chosen(all_terms(), name, f"unknown term {name!r}", InputError, where=file, place=place)
+    return chosen(all_terms(), name, f"unknown term {name!r}", InputError, where=file, place=f"term.{name}")
 
 
 def _field(term: Term, place: str, network: Network | None, file: Path) -> Field:

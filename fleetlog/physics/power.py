@@ -12,7 +12,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, reduce
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -157,9 +157,7 @@ class Physics:
 
 @lru_cache(1024)
 def _with_values(truck: Truck, values: tuple[tuple[str, float], ...]) -> Truck:
-    for key, value in values:
-        truck = truck.with_value(key, value)
-    return truck
+    return reduce(lambda changed, one: changed.with_value(*one), values, truck)
 
 
 def term_forces(motion: Motion, physics: Physics) -> ByTerm:

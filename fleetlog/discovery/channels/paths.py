@@ -217,9 +217,7 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     shared = across(limit, motion.edge, s, inside).astype(np.float32)
     apart = behind & ~astray & (recorded > 0.0)
     share = np.broadcast_to(np.float32(0.0), of.shape)
-    path = Path(
-        narrow(motion), s, inside, of, share, took, standing, held, kink, shared, behind, apart
-    )  # fmt: skip
+    path = Path(narrow(motion), s, inside, of, share, took, standing, held, kink, shared, behind, apart)
     return path, windows, recorded, (recorded > 0.0) & ~behind & ~astray
 
 

@@ -213,8 +213,7 @@ class TravelChannel(Channel):
     def _waits(self, path: Path, model: Model) -> Floats:
         total = np.zeros(len(path.s))
         for name, deviation in model.fields.items():
-            term = all_terms()[name]
-            if term.acts == "wait":
+            if all_terms()[name].acts == "wait":
                 m = path.motion
                 there = model.share(name, int(m.vehicle[0]), m.time)
                 total += np.maximum(deviation, 0.0)[self.waits.at(path)] * path.share * there

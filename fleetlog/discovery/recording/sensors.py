@@ -166,8 +166,7 @@ def _looks(block: Block, fleet: Fleet, split: Split) -> Iterator[_Look]:
     count = int(np.clip(len(block) // PIECE, 1, 6))
     cuts = np.linspace(0, len(block), count + 1).astype(int)
     for a, b in itertools.pairwise(cuts):
-        look = _best_shift(block, power, slice(int(a), int(b)), train, fleet.step)
-        if look is not None:
+        if (look := _best_shift(block, power, slice(int(a), int(b)), train, fleet.step)) is not None:
             yield look
 
 
