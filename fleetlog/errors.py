@@ -12,10 +12,12 @@
 ``fleetlog.cli.main`` is the one place that turns these into a line on standard error."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any, TypeVar
 
 EXIT_DONE, EXIT_INPUT, EXIT_USAGE, EXIT_DAMAGED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
+T = TypeVar("T")
 LONGEST = 500  # Characters of one part of a line: a place, or what is wrong
 
 
@@ -92,6 +94,13 @@ def nearest(word: str, known: Iterable[str]) -> str:
         return f"did you mean {close[0]!r}?"
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return f"known are {', '.join(names[:MOST_NAMED])}{more}"
+
+
+def chosen(known: Mapping[str, T], name: str, what: str, error: type[FleetlogError], **place: Any) -> T:
+    """What is known by a name; where nothing is, the ``error`` says ``what`` and the nearest name."""
+    if name not in known:
+        raise error(what, do=nearest(name, known), **place)
+    return known[name]
 
 
 def fault(part: str, error: Exception) -> str:

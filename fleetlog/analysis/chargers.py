@@ -18,7 +18,7 @@ from fleetlog.core.arrays import Ints
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, Grid, Marks, Result, Shape
 from fleetlog.core.truck import Truck
-from fleetlog.errors import ArgumentError, DataError, nearest
+from fleetlog.errors import ArgumentError, DataError, chosen
 from fleetlog.simulate.engine import Settings
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
@@ -96,10 +96,8 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
     at = network.node_points[:, :2]
     known = {p.id: int(np.hypot(*(at - (p.x, p.y)).T).argmin()) for p in dataset.site.places}
     known |= {v: i for i, v in enumerate(network.node_ids)}
-    for name in names:
-        if name not in known:
-            raise DataError(f"no road vertex and no place is called {name!r}", do=nearest(name, known))
-    return np.unique(np.array([known[name] for name in names], np.int64))
+    none = "no road vertex and no place is called"
+    return np.unique(np.array([chosen(known, n, f"{none} {n!r}", DataError) for n in names], np.int64))
 
 
 def _kept(dataset: Dataset, sites: pd.DataFrame, demand: plan.Demand) -> pd.DataFrame:

@@ -83,7 +83,7 @@ def density(
     steps["critical"] = steps["mean_speed"] < speed
     tables = {"episodes": table, "tasks": _task_table(dataset, watched, rows), "clusters": steps}
     places = {"areas": areas} if len(areas) else {}
-    shapes = _shapes(network, watched, clusters, areas, rows, over_time)
+    shapes = [*_shapes(network, watched, clusters, areas, rows, over_time)]
     return Result("density", summary, tables, places, shapes, _lines(summary, areas))
 
 
@@ -189,21 +189,19 @@ def _task_table(dataset: Dataset, watched: Watched, s: pd.DataFrame) -> pd.DataF
 
 def _shapes(
     network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: pd.DataFrame, over_time: Series
-) -> list[Shape]:
-    shapes: list[Shape] = []
+) -> Iterator[Shape]:
     if len(rows):
         codes, delay = of.delay_by_place(rows)
         edge, start = (codes // PLACES).astype(np.int32), np.asarray(codes % PLACES * BIN, np.float64)
         end = np.minimum(start + BIN, network.length[edge])
-        shapes.append(EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]"))
-    shapes += [_arc_lines(c, watched), over_time]
+        yield EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]")
+    yield from (_arc_lines(c, watched), over_time)
     if len(areas):
         top = areas.head(10)
         labels = tuple(f"{a}: {d:.0f} s" for a, d in zip(top.area, top.delay, strict=True))
         at, delay = top[["x", "y"]].to_numpy(), top.delay.to_numpy()
-        shapes.append(Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical"))
-        shapes.append(Bars("delay_by_area", tuple(f"area {a}" for a in top.area), delay, "delay [s]"))
-    return shapes
+        yield Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical")
+        yield Bars("delay_by_area", tuple(f"area {a}" for a in top.area), delay, "delay [s]")
 
 
 def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:

@@ -2,7 +2,7 @@
 
 import inspect
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import Any, Literal
 
@@ -148,7 +148,7 @@ def _shapes(bins: pd.DataFrame, ledger: dict[str, float], edges: pd.DataFrame) -
     return [*shapes, Bars("energy by cause", causes, kwh, "energy [kWh]"), *_curves(bins, [*ledger])]
 
 
-def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> list[Shape]:
+def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> Iterator[Shape]:
     """Fleet power by term over time, stacked, and measured beside modelled."""
     width = (len(np.unique(bins["time"] // BIN)) // MOST_POINTS + 1) * BIN
     keys, inverse = np.unique(bins["time"] // width, return_inverse=True)
@@ -159,11 +159,10 @@ def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> list[Shape]:
 
     middle, axes = keys * width + width // 2, ("time", "power [kW]")
     rows = {cause(t): mean(f"J_{t}") for t in terms}
-    out: list[Shape] = [Series("power by cause", middle, rows, *axes, over_time=True, stacked=True)]
+    yield Series("power by cause", middle, rows, *axes, over_time=True, stacked=True)
     known = mean("known") > 0.0
     if known.any():
         # The model of the trucks and times that were measured, and of no others.
         pair = {"measured": mean("measured"), "model": mean("beside_measured")}
         both = {name: np.where(known, v, np.nan) for name, v in pair.items()}
-        out.append(Series("power", middle, both, *axes, over_time=True))
-    return out
+        yield Series("power", middle, both, *axes, over_time=True)

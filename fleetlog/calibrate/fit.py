@@ -12,7 +12,7 @@ rest is *held* at its prior.  A free number whose posterior is still wide, or wi
 held one can stand in for it, is *tied*: the runs carry a combination of both.  The others are *fitted*."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -235,11 +235,10 @@ def _blind(jacobian: Floats, free: Mask) -> list[Blind]:
 
 def _combinations(
     estimates: tuple[Estimate, ...], blind: list[Blind], alone: Floats, problem: _Problem
-) -> list[Combination]:
+) -> Iterator[Combination]:
     """For each tied number p the product p * held^-e that the runs carry, e its elasticity by the held."""
     value = {e.unknown.key: e.value for e in estimates}
     spread = dict(zip(value, problem.spread, strict=True))
-    out = []
     for e, deviation in zip(estimates, alone * problem.spread, strict=True):
         if e.status != "tied" or e.value <= 0.0:
             continue
@@ -250,5 +249,4 @@ def _combinations(
                 powers.append((held, -slope * value[held.key] / e.value))
         if powers:
             product = e.value * float(np.prod([value[u.key] ** w for u, w in powers]))
-            out.append(Combination(((e.unknown, 1.0), *powers), product, float(deviation) / e.value))
-    return out
+            yield Combination(((e.unknown, 1.0), *powers), product, float(deviation) / e.value)

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.files import open_regular
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.truck import Truck
-from fleetlog.errors import DataError, InputError, nearest
+from fleetlog.errors import DataError, InputError, chosen, nearest
 from fleetlog.physics.cycles import VDI_SPEED, Piece, legs, lift, run, vdi_pieces
 from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.power import Physics, battery_power, ledger, term_forces
@@ -125,15 +125,14 @@ def read_runs(path: Path) -> list[Run]:
 def _run(row: dict[str, str | None], path: Path, place: str) -> Run:
     given = {k.strip(): v.strip() for k, v in row.items() if k is not None and v and v.strip()}
     kind = given.pop("kind", "")
-    if kind not in KINDS:
-        raise InputError(f"unknown kind of run {kind!r}", where=path, place=place, do=nearest(kind, KINDS))
+    needed, _ = chosen(KINDS, kind, f"unknown kind of run {kind!r}", InputError, where=path, place=place)
     name, numbers = given.pop("run", f"{kind} {place.removeprefix('row ')}"), {}
     for column, text in given.items():
         try:
             numbers[column] = LIMITS.get(column, Between())(text)
         except ValueError as wrong:
             raise InputError(str(wrong), where=path, place=f"{place}, {column}") from None
-    for column in KINDS[kind][0]:
+    for column in needed:
         if column not in given:
             raise InputError(f"a run of kind {kind} needs {column!r}", where=path, place=place)
     run = Run(name, kind, **numbers)
@@ -199,18 +198,17 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
     return Observations(measured, np.full(count, sigma), labels, predict, doubt)
 
 
-def _doubts(motion: Motion, physics: Physics) -> list[Floats]:
+def _doubts(motion: Motion, physics: Physics) -> Iterator[Floats]:
     """(N,) watts, one standard deviation each, by which estimated power may be off altogether."""
     forces = term_forces(motion, physics)
-    rows = [MODEL_DOUBT * watts for watts in ledger(motion, physics, forces).values()]
+    yield from (MODEL_DOUBT * watts for watts in ledger(motion, physics, forces).values())
     work = sum(forces.values(), np.zeros(len(motion))) * motion.speed
     drive = physics.truck.drive
-    rows.append(BRAKING_DOUBT * np.maximum(-work, 0.0) * (1.0 / drive.efficiency - drive.regeneration))
+    yield BRAKING_DOUBT * np.maximum(-work, 0.0) * (1.0 / drive.efficiency - drive.regeneration)
     # The form over speed: so much more at twice the usual speed.
     moving = motion.speed[motion.speed > 0.0]
     usual = float(np.sqrt(np.mean(moving**2))) if len(moving) else 1.0
-    rows.append(MODEL_DOUBT * np.maximum(work, 0.0) / drive.efficiency * (motion.speed / usual - 1.0))
-    return rows
+    yield MODEL_DOUBT * np.maximum(work, 0.0) / drive.efficiency * (motion.speed / usual - 1.0)
 
 
 def _deviation(residual: Floats) -> float:
@@ -236,9 +234,7 @@ def together(parts: list[Observations]) -> Observations:
 
 def observations(path: Path, physics: Physics) -> Observations:
     """The measured figures of one table or dataset."""
-    if path.is_dir():
-        return of_dataset(Dataset(path), physics)
-    return of_runs(read_runs(path), physics.truck)
+    return of_dataset(Dataset(path), physics) if path.is_dir() else of_runs(read_runs(path), physics.truck)
 
 
 def of_dataset(dataset: Dataset, physics: Physics) -> Observations:

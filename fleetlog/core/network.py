@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Index, Indices
-from fleetlog.errors import SiteError, nearest
+from fleetlog.errors import SiteError, chosen
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -69,9 +69,7 @@ class Network:
 
     def edge(self, edge_id: str) -> int:
         """Index of ``edge_id``; :class:`SiteError` naming the nearest known one otherwise."""
-        if edge_id not in self.index:
-            raise SiteError(f"no edge {edge_id!r}", do=nearest(edge_id, self.edge_ids))
-        return self.index[edge_id]
+        return chosen(self.index, edge_id, f"no edge {edge_id!r}", SiteError)
 
     @cached_property
     def node_points(self) -> Floats:

@@ -13,7 +13,7 @@ from typing import Any
 from zoneinfo import ZoneInfo
 
 from fleetlog.core.files import SETTINGS, read_whole
-from fleetlog.errors import InputError, nearest
+from fleetlog.errors import InputError, chosen
 
 Check = Callable[[Any], Any]
 Keys = Mapping[str, Check]
@@ -146,15 +146,13 @@ def table(
     out = {}
     for key, value in data.items():
         spot = f"{place}.{key}" if place else key
-        if key not in keys:
-            raise error("unknown key", where=where, place=spot[:200], do=nearest(key, keys))
+        check = chosen(keys, key, "unknown key", error, where=where, place=spot[:200])
         try:
-            out[key] = keys[key](value)
+            out[key] = check(value)
         except Wrong as wrong:
             raise error(f"{shown(value)} {wrong}", where=where, place=spot, do="correct it") from None
-    for key in required:
-        if key not in out:
-            raise error(f"{key} is missing", where=where, place=place or None, do=f"add {key} = ...")
+    if (key := next((k for k in required if k not in out), None)) is not None:
+        raise error(f"{key} is missing", where=where, place=place or None, do=f"add {key} = ...")
     return out
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -116,22 +117,19 @@ class Model:
 
     def of_vehicle(self, knob: Knob, vehicle: int) -> float:
         """Return the coordinate of one vehicle's number at all times, whatever holds for a while."""
-        own = self._own.get((knob.term, knob.parameter), {}).get(vehicle, 0.0)
-        return self.coordinate(knob.fleet) + own
+        return self.coordinate(knob.fleet) + self._own[knob.term, knob.parameter, vehicle]
 
     def in_force(self, knob: Knob, vehicle: int) -> float:
         """Return the coordinate of one vehicle's number in the knob's part of the time."""
         return self.of_vehicle(knob, vehicle) + (self.coordinate(knob) if knob.scope.timed else 0.0)
 
     @cached_property
-    def _own(self) -> dict[tuple[str, str], dict[int, float]]:
+    def _own(self) -> dict[tuple[str, str, int], float]:
         """Deviations of single vehicles at all times, by number and vehicle."""
-        out: dict[tuple[str, str], dict[int, float]] = {}
+        out: dict[tuple[str, str, int], float] = defaultdict(float)
         for knob, at in self.at.items():
-            if not knob.scope.timed:
-                mine = out.setdefault((knob.term, knob.parameter), {})
-                for v in knob.scope.vehicles:
-                    mine[v] = mine.get(v, 0.0) + at
+            for v in () if knob.scope.timed else knob.scope.vehicles:
+                out[knob.term, knob.parameter, v] += at
         return out
 
     def value(self, knob: Knob) -> float:
@@ -156,15 +154,13 @@ class Model:
                 always[name] = other
         return [*([Own(always)] if always else []), *self._timed(vehicle)]
 
-    def _timed(self, vehicle: int) -> list[Own]:
+    def _timed(self, vehicle: int) -> Iterator[Own]:
         """What one vehicle has for a while."""
-        out = []
         for knob in self.at:
             s = knob.scope
             if s.timed and s.covers(vehicle):
                 value = knob.definition.value_of(self.in_force(knob, vehicle))
-                out.append(Own({knob.term: {knob.parameter: value}}, None, s.begin, s.until, s.drift))
-        return out
+                yield Own({knob.term: {knob.parameter: value}}, None, s.begin, s.until, s.drift)
 
     def share(self, term: str, vehicle: int, time: Floats) -> Floats:
         """Return how far the field of a term is there at some times of a vehicle, (N,)."""

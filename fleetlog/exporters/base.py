@@ -42,10 +42,7 @@ class Selection:
 
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
         """One trajectory per vehicle and day, vehicle by vehicle."""
-        for vehicle, date in itertools.product(self.vehicles, self.dataset.dates):
-            trajectory = self.dataset.read(vehicle, date, columns)
-            if len(trajectory):
-                yield trajectory
+        return self.dataset.days(columns, self.vehicles)
 
     def windows(self, columns: Sequence[str]) -> Iterator[list[Trajectory]]:
         """All vehicles' rows side by side, in stretches of time that follow one another."""
@@ -124,8 +121,7 @@ def export_dataset(
         raise InputError(f"no export format {to!r}", do=nearest(to, FORMATS.names()))
     output, source = Path(output), dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     for vehicle in vehicles:
-        if vehicle not in source.vehicles:
-            raise DataError(f"no vehicle {vehicle!r} in {source.path}", do=nearest(vehicle, source.vehicles))
+        source.parts(vehicle)
     chosen = tuple(vehicles) or tuple(source.vehicles)
     options: dict[str, Any] = {"overwrite": overwrite, "folder": False, "inputs": [source.path]}
     with ExitStack() as files:

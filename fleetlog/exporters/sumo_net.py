@@ -7,6 +7,7 @@ https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html"""
 
 import re
 from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +30,7 @@ _FORBIDDEN = re.compile(r"[\s|\\'\";,<>&!#%]")
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """The network of the dataset's site."""
     n = selection.dataset.site.roads()
-    edges, nodes = ([sumo_name(name) for name in names] for names in (n.edge_ids, n.node_ids))
-    _tell_apart(edges)
-    _tell_apart(nodes)
+    edges, nodes = ([*_told_apart(map(sumo_name, names))] for names in (n.edge_ids, n.node_ids))
     net = etree.Element("net", version="1.20", limitTurnSpeed="5.50")
     etree.SubElement(net, "location", _location(n, selection.dataset.site.frame))
     links: dict[int, list[Connection]] = defaultdict(list)
@@ -56,12 +55,12 @@ def sumo_name(name: str) -> str:
     return "_" + clean if clean.startswith(":") or not clean else clean
 
 
-def _tell_apart(names: list[str]) -> None:
-    """Number those that cleaning made equal."""
+def _told_apart(names: Iterable[str]) -> Iterator[str]:
+    """Those that cleaning made equal are numbered."""
     seen: Counter[str] = Counter()
-    for k, name in enumerate(names):
+    for name in names:
         seen[name] += 1
-        names[k] = name if seen[name] == 1 else f"{name}__{seen[name]}"
+        yield name if seen[name] == 1 else f"{name}__{seen[name]}"
 
 
 def _location(n: Network, frame: Frame | None) -> dict[str, str]:

@@ -54,8 +54,6 @@ class Block:
 
     def texts(self, numbers: list[int]) -> list[str]:
         """The text of some lines, by their numbers."""
-        if not numbers:
-            return []
         lines = self.text.decode("utf-8", "replace").split("\n")
         return [lines[n - self.first].rstrip("\r") for n in numbers]
 
@@ -231,10 +229,8 @@ class TableReader:
     def _whole(self, text: bytes) -> pa.Table | None:
         """The rows that are whole: typed, or else as text; None where the quotes make no sense."""
         for kinds in (self._types, dict.fromkeys(self._types, pa.string())):
-            try:
+            with suppress(pa.ArrowInvalid):
                 return self._arrow(text, kinds)
-            except pa.ArrowInvalid:
-                continue
         return None
 
     def _arrow(self, text: bytes, types: dict[str, Any] | None) -> pa.Table:

@@ -77,8 +77,7 @@ class Fields:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("no time")
         unit, likely = self.epoch if epoch == "" else epoch, epoch_unit(value)
-        stated = self.profile.time_format or self.profile.time_origin
-        if not stated:
+        if not (self.profile.time_format or self.profile.time_origin):
             unit = likely if unit in (None, likely) else None
         if unit is None or not abs(value) < 1e19:
             raise ValueError("no time, or one that counts from an unknown start")

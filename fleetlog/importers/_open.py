@@ -33,6 +33,11 @@ class ReadReport:
         if text not in self.notes:
             self.notes.append(text)
 
+    def tally(self, number: int, noun: str, what: str) -> None:
+        """Say of how many things ``what`` was done, if of any."""
+        if number:
+            self.note(f"{count(number, noun)} {what}")
+
     def damaged(self, text: str) -> None:
         """Report damage once."""
         if text not in self.damage:

@@ -2,6 +2,7 @@
 
 import codecs
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, time
 from pathlib import Path
@@ -85,11 +86,9 @@ class Profile:
 
 
 def _encoding(value: Any) -> str:
-    try:
+    with suppress(LookupError, ValueError):
         if codecs.lookup(text(value))._is_text_encoding:
             return str(value)
-    except (LookupError, ValueError):
-        pass
     raise Wrong("is no encoding; write it as utf-8 or latin-1")
 
 
@@ -102,11 +101,9 @@ def has_date(style: str) -> bool:
 
 def _origin(value: Any) -> datetime:
     """An instant, or a day: its midnight."""
-    try:
+    with suppress(ValueError):
         if isinstance(value, str):
             value = date.fromisoformat(value) if len(value) == 10 else datetime.fromisoformat(value)
-    except ValueError:
-        pass
     if isinstance(value, date) and not isinstance(value, datetime):
         return datetime.combine(value, time())
     if not isinstance(value, datetime) or value.tzinfo is None:

@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import isfinite
 from pathlib import Path
@@ -44,10 +45,7 @@ class Rows:
         self._clear()
 
     def _clear(self) -> None:
-        self._vehicle: list[str] = []
-        self._time: list[int] = []
-        self._record: list[int] = []
-        self._values: list[Row] = []
+        self._kept: list[tuple[Any, ...]] = []  # Vehicle, time, record and values of each
         self._rejects: list[Reject] = []
 
     def add(self, vehicle: str, time: int, record: int, values: Row, written: object = None) -> None:
@@ -60,10 +58,7 @@ class Rows:
         if not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
             return
-        self._vehicle.append(vehicle)
-        self._time.append(time)
-        self._record.append(record)
-        self._values.append(values)
+        self._kept.append((vehicle, time, record, values))
         self.total += 1
 
     def add_iso(self, vehicle: str, time: str | None, record: int, values: Row, written: Any = None) -> None:
@@ -86,21 +81,22 @@ class Rows:
     @property
     def full(self) -> bool:
         """Whether it is time to :meth:`take`."""
-        return len(self._time) >= BATCH or len(self._rejects) >= BATCH
+        return len(self._kept) >= BATCH or len(self._rejects) >= BATCH
 
     def take(self) -> RawBatch:
         """The rows so far as a batch; starts afresh."""
-        kinds = dict.fromkeys(map(tuple, self._values))
+        vehicle, when, number, rows = ([kept[k] for kept in self._kept] for k in range(4))
+        kinds = dict.fromkeys(map(tuple, rows))
         names = dict.fromkeys(name for kind in (self._always, *kinds) for name in kind)
-        columns = {name: _column([row.get(name) for row in self._values]) for name in names}
-        time, record = (np.array(v, dtype=np.int64) for v in (self._time, self._record))
-        batch = RawBatch(Labels.of(self._vehicle), time, columns, record, self._rejects, self._share())
+        columns = {name: _column([row.get(name) for row in rows]) for name in names}
+        time, record = (np.array(v, dtype=np.int64) for v in (when, number))
+        batch = RawBatch(Labels.of(vehicle), time, columns, record, self._rejects, self._share())
         self._clear()
         return batch
 
     def drain(self) -> Iterator[RawBatch]:
         """The last batch, if anything waits."""
-        if self._time or self._rejects:
+        if self._kept or self._rejects:
             yield self.take()
 
 
@@ -119,6 +115,7 @@ class Records(ABC):
         self.stream, share = open_bytes(path, options.report)
         self.tables = [Rows(*place, share=share) for place in self.places]
         self.rows = self.tables[0]
+        self.seen: Counter[str] = Counter()  # How many of each kind were met, as a format tells them apart
 
     def records(self) -> Iterable[Any]:
         """What the log consists of: its lines, unless a format says otherwise."""

@@ -63,10 +63,8 @@ def _epoch(stamps: Any) -> Ints:
 
 def epoch_unit(count: float) -> str | None:
     """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none does."""
-    for unit, us in EPOCH_UNITS.items():
-        if EARLIEST_LOG <= (count * us if us > 0 else count / -us) <= _LATEST:
-            return unit
-    return None
+    dates = {unit: count * us if us > 0 else count / -us for unit, us in EPOCH_UNITS.items()}
+    return next((unit for unit, date in dates.items() if EARLIEST_LOG <= date <= _LATEST), None)
 
 
 def from_counts(values: Floats | Ints, unit: str, origin: int = 0) -> Ints:

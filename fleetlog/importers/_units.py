@@ -74,11 +74,7 @@ _BY_SPELLING.update({n: n for n in NAMES})
 _COMPASS = frozenset(["course", "cog", "bearing", "track", "course_over_ground"])
 EPOCH_UNITS: dict[str, int] = {"s": 1_000_000, "ms": 1_000, "us": 1, "ns": -1_000}
 """Microseconds in one unit; a negative figure divides."""
-_EPOCH_ALIASES = {"s": "s", "sec": "s", "seconds": "s"} | {
-    alias: short
-    for short, word in (("ms", "milli"), ("us", "micro"), ("ns", "nano"))
-    for alias in (short, f"{short}ec", f"{word}s", f"{word}seconds")
-}
+_EPOCH_ALIASES = {alias: name for name, words in _TEXT["epoch"].items() for alias in words.split()}
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
 

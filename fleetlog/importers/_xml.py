@@ -1,16 +1,13 @@
 """Safe, streaming reading of XML from outside: nothing is expanded, fetched or kept."""
 
-from collections import Counter
 from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, ClassVar
 
 from lxml import etree
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._rows import Records
-from fleetlog.importers.base import ReadOptions
 
 LIMIT = 1 << 24
 """Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""
@@ -25,11 +22,7 @@ class Elements(Records):
 
     wanted: ClassVar[tuple[str, ...]]
     passed: ClassVar[tuple[str, ...]] = ()
-
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        super().__init__(path, options)
-        self.seen: Counter[str] = Counter()
-        self._since = 0
+    _since = 0  # Bytes since the last element
 
     def read(self, size: int = -1) -> bytes:
         """For the parser."""

@@ -14,7 +14,7 @@ import numpy as np
 from fleetlog.core.arrays import Ints
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.core.words import count
-from fleetlog.errors import FormatError, InputError, nearest
+from fleetlog.errors import FormatError, InputError, chosen
 from fleetlog.importers._open import ReadReport, compression, head_of, plain_stem, plain_suffix
 from fleetlog.importers._profile import Profile
 from fleetlog.registry import parts
@@ -137,10 +137,7 @@ def importers() -> dict[str, Importer]:
 
 def by_name(name: str) -> Importer:
     """The format called ``name``."""
-    known = importers()
-    if name not in known:
-        raise InputError(f"no log format {name!r}", do=nearest(name, known))
-    return known[name]
+    return chosen(importers(), name, f"no log format {name!r}", InputError)
 
 
 def find(path: Path) -> Importer | None:

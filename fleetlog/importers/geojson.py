@@ -7,7 +7,6 @@ properties, as a CSV's columns are."""
 import codecs
 import json
 import re
-from collections import Counter
 from collections.abc import Iterator
 from io import BufferedReader
 from itertools import zip_longest
@@ -76,11 +75,10 @@ class _GeoJson(Records):
     """One row a point or vertex, in degrees or, where a feature says so, in local metres."""
 
     places = (GEOGRAPHIC, LOCAL)
+    points = 0
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)
-        self.left_out: Counter[str] = Counter()
-        self.points = 0
         self._fields: dict[tuple[str, ...], Fields] = {}
 
     def records(self) -> Iterator[dict[str, Any]]:
@@ -96,7 +94,7 @@ class _GeoJson(Records):
         elif kind in ("LineString", "MultiLineString") and isinstance(coordinates, list):
             self._lines([coordinates] if kind == "LineString" else coordinates, properties, number)
         else:
-            self.left_out[kind] += 1
+            self.seen[kind] += 1  # Of no use
 
     def _known(self, properties: dict[str, Any]) -> Fields:
         names = tuple(properties)
@@ -154,13 +152,13 @@ class _GeoJson(Records):
         found = [count(self.points, "point") + " without a time"] if self.points else []
         vertices = self.rows.rejected - self.points
         found += [f"{vertices:,} vertices of lines without times"] if vertices > 0 else []
-        found += [f"{n} {kind}" for kind, n in self.left_out.items()]
+        found += [f"{n} {kind}" for kind, n in self.seen.items()]
         what = "no position with a time in it" + (f", only {' and '.join(found)}" if found else "")
         return what, "give points a property 'timestamp', lines 'coordTimes'"
 
     def describe(self) -> None:
-        if self.left_out:
-            kinds = ", ".join(f"{n} {k}" for k, n in self.left_out.items())
+        if self.seen:
+            kinds = ", ".join(f"{n} {k}" for k, n in self.seen.items())
             self.report.note(f"geometries without motion left out: {kinds}")
 
 

@@ -60,8 +60,7 @@ class _Gpx(Elements):
             tracks = count(len(self._tracks), "track")
             self.report.note(f"{tracks} with different names read as vehicle {self.vehicle}")
         for tag, noun in _STILL.items():
-            if self.seen[tag]:
-                self.report.note(f"{count(self.seen[tag], noun)} left out: no motion")
+            self.report.tally(self.seen[tag], noun, "left out: no motion")
 
 
 def _known(values: dict[str, Any], name: str, text: str | None) -> bool:

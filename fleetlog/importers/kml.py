@@ -42,8 +42,7 @@ class _Kml(Elements):
 
     def describe(self) -> None:
         super().describe()
-        if lines := self.seen["LineString"]:
-            self.report.note(f"{count(lines, 'line')} without times left out")
+        self.report.tally(self.seen["LineString"], "line", "without times left out")
 
 
 IMPORTER = Importer("kml", (".kml",), holding(b"<kml"), _Kml.batches)

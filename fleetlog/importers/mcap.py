@@ -17,7 +17,7 @@ from fleetlog.importers.base import Importer, holding
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD, _CHUNK, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<QQQI"), struct.Struct("<HIQQ")
-_FOOTER, _SIZE = 9 + 20 + 8, struct.Struct("<I")
+_FOOTER, _SIZE, _LONG = 9 + 20 + 8, struct.Struct("<I"), struct.Struct("<Q")
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(2, 9)
 STATISTICS, DATA_END = 11, 15
 _READ = frozenset({SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS})
@@ -106,16 +106,11 @@ def _text(record: memoryview, at: int) -> tuple[str, int]:
 
 def records(data: bytes) -> Iterator[Item]:
     """The records in a chunk; none has a header."""
-    view, at, size = memoryview(data), 0, len(data)
-    while at < size:
-        if size - at < _HEAD.size:
-            raise Damaged("half a record at its end")
-        kind, length = _HEAD.unpack_from(view, at)
-        begin = at + _HEAD.size
-        at = begin + length
-        if at > size:
-            raise Damaged("a record runs beyond its end")
-        yield kind, None, view[begin:at]
+    view, at = memoryview(data), 0
+    while at < len(view):
+        kind = view[at]
+        content, at = cut(view, at + 1, _LONG)
+        yield kind, None, content
 
 
 def unpack_chunk(body: memoryview) -> bytes:

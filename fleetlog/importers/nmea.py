@@ -4,7 +4,6 @@ All sentences of one moment make one fix, whatever talker they come from.  Dates
 NAV-PVT; a fix before the first date gets it in hindsight.  Broken sentences are rejected and counted; other
 ships' AIS messages are left out."""
 
-from collections import Counter
 from collections.abc import Iterator
 from io import BufferedReader, BytesIO
 from pathlib import Path
@@ -30,12 +29,12 @@ def sniff(path: Path, head: bytes) -> bool:
 
 
 class _Nmea(Records):
-    """One row a moment with a fix."""
+    """One row a moment with a fix; ``ais`` sentences are other ships', ``unchecked`` have no checksum."""
+
+    ais = unchecked = no_fix = 0
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)
-        self.kinds: Counter[str] = Counter()
-        self.ais = self.unchecked = self.no_fix = 0
         self.waiting: list[Part] = []  # Fixes before the first date
         self._open = Part()
         self._last: Part | None = None  # The last fix with a date
@@ -51,11 +50,11 @@ class _Nmea(Records):
             self.ais += 1
             return
         unchecked = kind[:3] != "UBX" and b"*" not in frame
-        if fault is None and unchecked and self.kinds and not self.unchecked:
+        if fault is None and unchecked and self.seen and not self.unchecked:
             fault = "the sentence has no checksum, unlike those before it"
         if fault is None:
             self.unchecked += unchecked
-            self.kinds[kind] += 1
+            self.seen[kind] += 1
             try:
                 self._add(decode(frame, line))
             except (ValueError, OverflowError) as error:
@@ -103,26 +102,22 @@ class _Nmea(Records):
         do = "record RMC or GGA sentences or UBX NAV-PVT"
         if self.no_fix:
             return f"the receiver had no fix in any of its {count(self.no_fix, 'moment')}", do
-        if self.ais and not self.kinds:
+        if self.ais and not self.seen:
             return f"only AIS: {count(self.ais, 'message')} of ships, no position of the receiver", do
-        found = ", ".join(f"{n} {k}" for k, n in self.kinds.most_common(8)) or "none"
+        found = ", ".join(f"{n} {k}" for k, n in self.seen.most_common(8)) or "none"
         first, why = self.rows.take().rejects[:1], ""
         if first:
             why = f"; {self.rows.rejected} rejected, the first on line {first[0].record}: {first[0].reason}"
         return f"no sentence with a position (readable sentences: {found}){why}", do
 
     def describe(self) -> None:
-        sources = sorted(k for k in self.kinds if k[-3:] in RANKS or k == "UBX-0107")
+        sources = sorted(k for k in self.seen if k[-3:] in RANKS or k == "UBX-0107")
         meaning = "position, time, speed from knots, heading from course, z above sea level"
         self.report.recognised[", ".join(sources)] = meaning
-        for number, noun, what in (
-            (self.no_fix, "moment", "without a fix left out"),
-            (len(self.waiting), "position", "without a date left out"),
-            (self.ais, "AIS message", "of other ships left out"),
-            (self.unchecked, "sentence", "without a checksum read"),
-        ):
-            if number:
-                self.report.note(f"{count(number, noun)} {what}")
+        self.report.tally(self.no_fix, "moment", "without a fix left out")
+        self.report.tally(len(self.waiting), "position", "without a date left out")
+        self.report.tally(self.ais, "AIS message", "of other ships left out")
+        self.report.tally(self.unchecked, "sentence", "without a checksum read")
 
 
 IMPORTER = Importer("nmea", (".nmea", ".nma", ".ubx", ".log"), sniff, _Nmea.batches, rank=1)

@@ -86,9 +86,8 @@ def _sample(o: Any, stamp: int) -> Sample:
 
 def _schema(path: Path) -> str:
     """The kind of messages: as the name says, else the first one that finds vehicles."""
-    for word in re.split(r"[_.]", path.name.lower()):
-        if word in _KINDS:
-            return _KINDS[word]
+    if words := [word for word in re.split(r"[_.]", path.name.lower()) if word in _KINDS]:
+        return _KINDS[words[0]]
     head = head_of(path, PACKET_LIMIT)
     first = head[4 : 4 + _LENGTH.unpack_from(head)[0]]
     for schema in SCHEMAS:

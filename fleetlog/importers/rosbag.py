@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fleetlog.core.files import SETTINGS, open_regular, read_whole
-from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._messages import Topic
 from fleetlog.importers._open import LIMIT, Damaged, cut, plain_stem, plain_suffix, refuse_packed, unpack
@@ -148,8 +147,7 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     description = path / "metadata.yaml"
     about = read_whole(description, SETTINGS).decode("utf-8", "replace") if description.exists() else ""
     others = sum(p.suffix not in (".mcap", ".db3", ".yaml") for p in path.iterdir())
-    if others:
-        options.report.note(f"{count(others, 'other file')} in the bag's folder left out")
+    options.report.tally(others, "other file", "in the bag's folder left out")
     if mode := _PACKING.search(about):
         what = f"the bag is packed {mode[1].lower()} by {mode[1].lower()}"
         raise FormatError(what, where=path, do="convert it with ros2 bag convert to plain storage")

@@ -37,8 +37,7 @@ class _Tcx(Elements):
 
     def describe(self) -> None:
         super().describe()
-        if self.still:
-            self.report.note(f"{count(self.still, 'trackpoint')} without a position left out")
+        self.report.tally(self.still, "trackpoint", "without a position left out")
 
 
 IMPORTER = Importer("tcx", (".tcx",), holding(b"<TrainingCenterDatabase"), _Tcx.batches)

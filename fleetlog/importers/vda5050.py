@@ -51,7 +51,6 @@ class _Vda(Records):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)
-        self.others: Counter[str] = Counter()
         self.versions: Counter[str] = Counter()
         self.facts: dict[str, str] = {}  # What the factsheet of each vehicle says
         self.connections: Counter[str] = Counter()
@@ -94,7 +93,7 @@ class _Vda(Records):
     def _other(self, message: Message) -> None:
         """A message without motion: the state of a connection, a factsheet, an order."""
         kind = next((kind for mark, kind in _KINDS.items() if mark in message), "other")
-        self.others[kind] += 1
+        self.seen[kind] += 1
         if kind == "connection":
             self.connections[str(message["connectionState"])[:20]] += 1
         elif kind == "factsheet" and (facts := _facts(message)):
@@ -106,7 +105,7 @@ class _Vda(Records):
 
     def nothing(self) -> tuple[str, str]:
         bad = f", {count(self.rows.rejected, 'line')} rejected" if self.rows.rejected else ""
-        what = f"no message with a position (other messages: {_counts(self.others) or 'none'}{bad})"
+        what = f"no message with a position (other messages: {_counts(self.seen) or 'none'}{bad})"
         return what, "record the topics state and visualization"
 
     def describe(self) -> None:
@@ -117,8 +116,8 @@ class _Vda(Records):
             self.report.note(f"factsheet of {vehicle}: {facts}")
         if self.connections:
             self.report.note(f"connections: {_counts(self.connections, 5)}")
-        if self.others:
-            self.report.note(f"left out: {_counts(self.others)}")
+        if self.seen:
+            self.report.note(f"left out: {_counts(self.seen)}")
 
 
 def _counts(kinds: Counter[str], most: int | None = None) -> str:

@@ -20,7 +20,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.truck import Truck
-from fleetlog.errors import TruckError, nearest
+from fleetlog.errors import TruckError, chosen
 
 REFERENCE_TEMPERATURE = 20.0  # At which capacity and resistance are stated [degC]
 CHARGING = -300.0  # A standing truck whose battery takes more is being charged [W]: no wheel gave it
@@ -62,9 +62,8 @@ CHEMISTRIES: dict[str, BatteryModel] = {
 def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) -> BatteryModel:
     """The battery of a truck file, with the shape of a chemistry (``constant``, ``lfp``, ``lead``). Its
     charge is capacity_wh / voltage; a ``peukert`` other than 1 stands in place of the resistance."""
-    if chemistry not in CHEMISTRIES:
-        raise TruckError(f"unknown chemistry {chemistry!r}", do=nearest(chemistry, CHEMISTRIES))
-    shape, nominal = CHEMISTRIES[chemistry], truck.battery.voltage
+    shape = chosen(CHEMISTRIES, chemistry, f"unknown chemistry {chemistry!r}", TruckError)
+    nominal = truck.battery.voltage
     return replace(
         shape, capacity_ah=truck.battery.capacity_wh / nominal,
         voltage=tuple(v * nominal for v in shape.voltage),

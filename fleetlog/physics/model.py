@@ -25,7 +25,7 @@ import tomli_w
 from fleetlog.core.network import Network
 from fleetlog.core.schema import anything, flag, list_of, load_toml, moment, real, table, tables, text, whole
 from fleetlog.core.truck import Truck
-from fleetlog.errors import InputError, nearest
+from fleetlog.errors import InputError, chosen
 from fleetlog.physics.field import Field, load_field, mirrored, save_field
 from fleetlog.physics.power import Own, Physics, all_terms
 from fleetlog.physics.term import Term, Values
@@ -119,10 +119,7 @@ def _own(data: Any, place: str, network: Network | None, file: Path) -> Own:
 
 
 def _term(name: str, file: Path) -> Term:
-    known = all_terms()
-    if name not in known:
-        raise InputError(f"unknown term {name!r}", where=file, place=f"term.{name}", do=nearest(name, known))
-    return known[name]
+    return chosen(all_terms(), name, f"unknown term {name!r}", InputError, where=file, place=f"term.{name}")
 
 
 def _field(term: Term, place: str, network: Network | None, file: Path) -> Field:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, reduce
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -124,8 +124,7 @@ class Physics:
     def active(self) -> list[Term]:
         """Nominal terms and added ones, in the order of their names."""
         used = {*self.values, *self.fields}
-        known = sorted(all_terms().items())
-        return [t for n, t in known if (t.nominal or n in used) and n not in self.off]
+        return [t for n, t in all_terms().items() if (t.nominal or n in used) and n not in self.off]
 
     @property
     def waits(self) -> list[Field]:
@@ -163,9 +162,7 @@ class Physics:
 
 @lru_cache(1024)
 def _with_values(truck: Truck, values: tuple[tuple[str, float], ...]) -> Truck:
-    for key, value in values:
-        truck = truck.with_value(key, value)
-    return truck
+    return reduce(lambda changed, one: changed.with_value(*one), values, truck)
 
 
 def term_forces(motion: Motion, physics: Physics) -> ByTerm:

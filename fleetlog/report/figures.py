@@ -190,7 +190,6 @@ def frame(rows: list[Row], names: list[str]) -> pd.DataFrame:
     out = []
     for r in rows:
         told = {} if r.difference is None else asdict(r.difference)
-        told.pop("units", None)
         values = dict(zip(names, r.values, strict=True))
         out.append({"figure": r.figure.name, "label": r.figure.label, "unit": r.unit, **values, **told})
-    return pd.DataFrame(out)
+    return pd.DataFrame(out).drop(columns="units", errors="ignore")

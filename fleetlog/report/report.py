@@ -96,7 +96,7 @@ def _page(facts: list[Facts], rows: list[Row], lead: list[str]) -> str:
     ]
     return render(
         "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
-        about=[_about(f) for f in facts], tiles=tiles, sections=_sections(facts),
+        about=[_about(f) for f in facts], tiles=tiles, sections=[*_sections(facts)],
         key=page_table(rows, [f.name for f in facts]), version=__version__,
     )  # fmt: skip
 
@@ -113,14 +113,12 @@ def _about(f: Facts) -> list[tuple[str, str]]:
     ]  # fmt: skip
 
 
-def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
+def _sections(facts: list[Facts]) -> Iterator[tuple[str, list[Part]]]:
     """Title and a part for each dataset; at last what analyses of other packages say and draw."""
-    out = []
     for title, make in SECTIONS.items():
-        out.append((title, [replace(make(f), name=f.name) for f in facts]))
-        if title == "Energy" and any(f.left_out for f in facts):
-            parts = [Part(f.left_out, name=f.name) for f in facts if f.left_out]
-            out.append(("What the truck model leaves out", parts))
+        yield title, [replace(make(f), name=f.name) for f in facts]
+        if title == "Energy" and (parts := [Part(f.left_out, name=f.name) for f in facts if f.left_out]):
+            yield "What the truck model leaves out", parts
     more: dict[str, list[Part]] = {}
     for f in facts:
         for result in added_results(f.dataset, f.truck):
@@ -128,7 +126,7 @@ def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
             drawn: list[Any] = [s for s in result.shapes if isinstance(s, Layer | Panel)]
             drawn = [picture(f, s, s.name.replace("_", " ").capitalize(), result) for s in drawn]
             more.setdefault(title, []).append(Part(result.lines, drawn, f.name))
-    return [*out, *more.items()]
+    yield from more.items()
 
 
 def added_results(dataset: Dataset, truck: Truck | None = None) -> Iterator[Result]:

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property, lru_cache
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
@@ -20,7 +21,7 @@ from fleetlog import scratch
 from fleetlog.core.arrays import microseconds
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
-from fleetlog.errors import DataError, FleetlogError, InputError, OutputError, nearest
+from fleetlog.errors import DataError, FleetlogError, InputError, OutputError, chosen
 from fleetlog.version import FORMAT_VERSION
 
 if TYPE_CHECKING:
@@ -143,8 +144,7 @@ class Dataset:
 
     def parts(self, vehicle: str, date: str | None = None) -> list[Path]:
         """The Parquet files of a vehicle, in order of time."""
-        if vehicle not in self.meta["vehicles"]:
-            raise DataError(f"no vehicle {vehicle!r} in {self.path}", do=nearest(vehicle, self.vehicles))
+        chosen(self.meta["vehicles"], vehicle, f"no vehicle {vehicle!r} in {self.path}", DataError)
         days = self.dates if date is None else [date]
         return [p for d in days for p in self._parts.get((vehicle, d), ())]
 
@@ -167,9 +167,9 @@ class Dataset:
             rest = [piece[cut:]]
         yield from rest
 
-    def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
-        """One trajectory per vehicle and day, vehicle by vehicle: bounded memory for any length."""
-        for vehicle, date in self.vehicle_days:
+    def days(self, columns: Sequence[str] | None = None, only: Sequence[str] = ()) -> Iterator[Trajectory]:
+        """One trajectory per vehicle (all, or ``only`` these) and day, vehicle by vehicle: bounded memory."""
+        for vehicle, date in product(only, self.dates) if only else self.vehicle_days:
             trajectory = self.read(vehicle, date, columns)
             if len(trajectory):
                 yield trajectory

@@ -12,7 +12,7 @@ from fleetlog.api.answer import Answer, dataset_answer, destination
 from fleetlog.core.arguments import moment, seconds
 from fleetlog.core.site import Site
 from fleetlog.core.words import count, percent
-from fleetlog.errors import ArgumentError, nearest
+from fleetlog.errors import ArgumentError, chosen
 from fleetlog.listening import notice
 from fleetlog.physics.battery import battery_of
 from fleetlog.physics.power import Physics, all_terms
@@ -86,8 +86,7 @@ def _physics(asked: Asked) -> Physics:
     if asked.physics is not None:
         physics = inputs.as_physics(asked.physics, asked.truck, asked.site.network)
     for name in asked.without:
-        if name not in all_terms():
-            raise ArgumentError(f"unknown term {name!r}", option="--without", do=nearest(name, all_terms()))
+        chosen(all_terms(), name, f"unknown term {name!r}", ArgumentError, option="--without")
     return replace(physics, off=physics.off | frozenset(asked.without))
 
 

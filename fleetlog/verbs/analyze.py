@@ -9,7 +9,7 @@ from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import LOADED
 from fleetlog.api.verb import JOBS, SHARED, Option, Verb
 from fleetlog.core.arguments import Named
-from fleetlog.errors import ArgumentError, nearest
+from fleetlog.errors import ArgumentError, chosen, nearest
 from fleetlog.registry import part, part_lines
 
 PACKAGE = "fleetlog.analysis"
@@ -48,8 +48,7 @@ class Analyses:
 
     def __call__(self, name: str, dataset: Any, **options: Any) -> Answer:
         """Answer the question called ``name``."""
-        if name not in self.lines():
-            raise ArgumentError(f"no analysis {name!r}", do=nearest(name, self.lines()))
+        chosen(self.lines(), name, f"no analysis {name!r}", ArgumentError)
         answer: Answer = self.named(name)(dataset, **options)
         return answer
 

@@ -99,11 +99,8 @@ def skipping(minutes: Ints) -> Clock | None:
 
 def rows_at_rate(time: Ints, rate_hz: float) -> Ints:
     """Indices of the first row in every interval of 1/rate, and of the last row."""
-    if not len(time):
-        return np.zeros(0, np.int64)
     bins = time // max(round(1e6 / rate_hz), 1)
-    keep = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
-    return keep if keep[-1] == len(time) - 1 else np.append(keep, len(time) - 1)
+    return together(np.flatnonzero(np.diff(bins, prepend=bins[:1] - 1)), np.arange(len(time))[-1:])
 
 
 def gap_limit(time: Ints) -> int:
@@ -115,15 +112,12 @@ def thinned(trajectory: Trajectory, rate_hz: float) -> Trajectory:
     """The trajectory at no more than ``rate_hz``; rows beside a gap are always kept."""
     time = trajectory.time
     before = np.flatnonzero(np.diff(time) > gap_limit(time))
-    return trajectory[together(len(time), rows_at_rate(time, rate_hz), before, before + 1)]
+    return trajectory[together(rows_at_rate(time, rate_hz), before, before + 1)]
 
 
-def together(rows: int, *indices: ArrayLike) -> Ints:
-    """The indices into ``rows`` that are in any of the sets, in order."""
-    keep = np.zeros(rows, dtype=bool)
-    for these in indices:
-        keep[np.asarray(these, np.int64)] = True
-    return np.flatnonzero(keep)
+def together(*indices: ArrayLike) -> Ints:
+    """The indices that are in any of the sets, in order."""
+    return np.unique(np.concatenate([np.asarray(these, np.int64) for these in indices]))
 
 
 def changed(values: Floats, step: float) -> Ints:
@@ -134,10 +128,8 @@ def changed(values: Floats, step: float) -> Ints:
 
 def moved(step: float, *values: Floats) -> Ints:
     """Indices at which any value moved by ``step``, the rows before (a truck stood till then), both ends."""
-    at = [changed(v, step) for v in values]
-    rows = len(values[0])
-    ends = [0, rows - 1] if rows else []
-    return together(rows, ends, *at, *(np.maximum(k - 1, 0) for k in at))
+    at, every = [changed(v, step) for v in values], np.arange(len(values[0]))
+    return together(every[:1], every[-1:], *at, *(np.maximum(k - 1, 0) for k in at))
 
 
 def pieces(time: Ints, limit: int) -> list[slice]:

@@ -182,7 +182,7 @@ def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], h
     """Turns of the body; it shrinks to nothing at the times at which it is ``hidden``."""
     heading = t.floats("heading")
     keep = clock.changed(heading, np.radians(2.0))
-    keep = clock.together(len(t), keep[np.isfinite(heading[keep])], starts)
+    keep = clock.together(keep[np.isfinite(heading[keep])], starts)
     time, order, shown = _in_order(t.time[keep], hidden)
     turn = np.append(np.nan_to_num(heading[keep]), np.zeros(len(hidden)))[order]
     stream.rows(
@@ -194,7 +194,7 @@ def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], h
 def _log_bar(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
     """A dark bar with a coloured part as long as the battery is full, redrawn at every per cent."""
     soc = t.floats("soc")
-    keep = clock.together(len(t), clock.changed(soc, 0.01), starts)
+    keep = clock.together(clock.changed(soc, 0.01), starts)
     keep = keep[np.isfinite(soc[keep])]
     time, _, shown = _in_order(t.time[keep], hidden)
     split = BAR_HALF * (2.0 * np.clip(soc[keep], 0.03, 1.0) - 1.0)

@@ -164,8 +164,7 @@ class EnergyChannel(Channel):
         if self.measured:
             rare = self._on_the_clock_of_charge(rare)
         # A row counts where it is stamped, whole: of its neighbours one may be held out.
-        own = c.of_row[np.minimum(np.searchsorted(block.time, rare.time), len(block) - 1)]
-        window = own[rare.row]
+        window = c.of_row[np.minimum(np.searchsorted(block.time, rare.time), len(block) - 1)][rare.row]
         seconds = np.bincount(window, rare.motion.dt, c.count)
         left = -self.evaluation(rare, self.base).power
         now = -self.predict(unit, self.base)

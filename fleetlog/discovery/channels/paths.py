@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.discovery.hypotheses.cells import Stretches
-from fleetlog.discovery.recording.blocks import TRIP, Windows, by_window, narrow, picked, stacked
+from fleetlog.discovery.recording.blocks import TRIP, Windows, narrow, picked, stacked
 from fleetlog.discovery.recording.conflicts import Route, hindered, on_road
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
@@ -91,10 +91,6 @@ class Path:
     def summed(self, values: Floats) -> Floats:
         """Return the sums of values at nodes over windows, (W,)."""
         return np.asarray(np.bincount(self.of, values, self.count), dtype=np.float64)
-
-    def by_column(self, column: Ints | Index, values: Floats, width: int) -> Floats:
-        """Return them by the column of each node, (W, width)."""
-        return by_window(self.of, column, values, self.count, width)
 
     def part(self, keep: Mask) -> tuple[Mask, "Path"]:
         """Return the legs that touch some windows, (W,): all the windows that they touch, and their path."""
@@ -221,9 +217,7 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     shared = across(limit, motion.edge, s, inside).astype(np.float32)
     apart = behind & ~astray & (recorded > 0.0)
     share = np.broadcast_to(np.float32(0.0), of.shape)
-    path = Path(
-        narrow(motion), s, inside, of, share, took, standing, held, kink, shared, behind, apart
-    )  # fmt: skip
+    path = Path(narrow(motion), s, inside, of, share, took, standing, held, kink, shared, behind, apart)
     return path, windows, recorded, (recorded > 0.0) & ~behind & ~astray
 
 

@@ -17,7 +17,7 @@ from fleetlog.discovery.hypotheses import sources
 from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
 from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.blocks import Block
+from fleetlog.discovery.recording.blocks import Block, by_window
 from fleetlog.discovery.recording.conflicts import Route, route
 from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.recording.turns import Pass, Turns, Way, crossings, measure
@@ -109,12 +109,12 @@ class TravelAbout(About):
             now = np.asarray(self.physics.values.get(term.name, {}).get(first.name, first.neutral), float)
             # Where a cap binds, time goes with the inverse of the share of it that is driven.
             slope = self._shared(source.scope, np.where(self._times[1], self.seconds * now, 0.0))
-        return np.asarray(self.own.by_column(place, slope, len(cells)) @ cells.root)
+        return by_window(self.own.of, place, slope, self.own.count, len(cells)) @ cells.root
 
     def _curve(self, curve: FreeCurve) -> Floats:
         time, total = UNIT["time"] * self.seconds, np.zeros((self.own.count, curve.width))
         for column, share in curve.hats(self.state):
-            total += self.own.by_column(column, time * share, curve.width)
+            total += by_window(self.own.of, column, time * share, *total.shape)
         return total
 
     def _error(self, source: ErrorSource) -> Floats:
@@ -213,8 +213,7 @@ class TravelChannel(Channel):
     def _waits(self, path: Path, model: Model) -> Floats:
         total = np.zeros(len(path.s))
         for name, deviation in model.fields.items():
-            term = all_terms()[name]
-            if term.acts == "wait":
+            if all_terms()[name].acts == "wait":
                 m = path.motion
                 there = model.share(name, int(m.vehicle[0]), m.time)
                 total += np.maximum(deviation, 0.0)[self.waits.at(path)] * path.share * there

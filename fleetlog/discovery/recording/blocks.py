@@ -115,8 +115,7 @@ def block(
     time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
     power = np.zeros(len(time))
     power[r.row] = r.motion.power
-    code = np.full(len(r.motion), vehicle)
-    motion = narrow(r.motion.replaced(time=r.motion.time + time[0], vehicle=code))
+    motion = narrow(r.motion.replaced(time=r.motion.time + time[0], vehicle=np.full(len(r.motion), vehicle)))
     return Block(
         motion, r.row.astype(np.int32), r.likeliest.acceleration.astype(np.float32), time, r.dt_row, power,
         trajectory.floats("soc"), trajectory.trip_ids() + TRIP * vehicle, vehicle,

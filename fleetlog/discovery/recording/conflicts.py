@@ -8,7 +8,7 @@ Only positions decide, never how long anything took."""
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -203,8 +203,7 @@ def _met(n: _Nodes, reach: Floats) -> tuple[Ints, Ints]:
     """Pairs of a node and one of another vehicle near it that was left in the time that may matter."""
     column, row = np.floor(n.x / WIDTH).astype(np.int64), np.floor(n.y / WIDTH).astype(np.int64)
     origin = n.arrive.min()
-    everyone = np.arange(len(reach))
-    early, late = n.arrive[_before(n, everyone, reach)] - origin, n.arrive - origin + CLOSE
+    early, late = n.arrive[_before(n, np.arange(len(reach)), reach)] - origin, n.arrive - origin + CLOSE
     left = n.leave - origin
     span = float(max(left.max(), late.max())) + 1.0
 
@@ -216,12 +215,11 @@ def _met(n: _Nodes, reach: Floats) -> tuple[Ints, Ints]:
     order = np.argsort(own, kind="stable")  # What is looked for in this order lies near in memory
     own = own[order]
     pairs = []
-    for dx in (-1, 0, 1):
-        for dy in (-1, 0, 1):
-            a, b = (np.searchsorted(own, key(dx, dy, time)[order]) for time in (early, late))
-            count = np.maximum(b - a, 0)
-            i = np.repeat(order, count)
-            j = order[np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(a, count)]
-            other = n.vehicle[i] != n.vehicle[j]
-            pairs.append((i[other], j[other]))
+    for dx, dy in product((-1, 0, 1), repeat=2):
+        a, b = (np.searchsorted(own, key(dx, dy, time)[order]) for time in (early, late))
+        count = np.maximum(b - a, 0)
+        i = np.repeat(order, count)
+        j = order[np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(a, count)]
+        other = n.vehicle[i] != n.vehicle[j]
+        pairs.append((i[other], j[other]))
     return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])

@@ -156,8 +156,7 @@ def _spread(values: list[float]) -> float:
 
 def _looked(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Look]]:
     some = fleet.some(LOOKED_AT)
-    days = [d for k, d in fleet.on(date) if k in some]
-    blocks = (fleet.block(d.vehicle, d.load()) for d in days)
+    blocks = (fleet.block(d.vehicle, d.load()) for k, d in fleet.on(date) if k in some)
     return [(b.vehicle, look) for b in blocks for look in _looks(b, fleet, split)]
 
 
@@ -167,8 +166,7 @@ def _looks(block: Block, fleet: Fleet, split: Split) -> Iterator[_Look]:
     count = int(np.clip(len(block) // PIECE, 1, 6))
     cuts = np.linspace(0, len(block), count + 1).astype(int)
     for a, b in itertools.pairwise(cuts):
-        look = _best_shift(block, power, slice(int(a), int(b)), train, fleet.step)
-        if look is not None:
+        if (look := _best_shift(block, power, slice(int(a), int(b)), train, fleet.step)) is not None:
             yield look
 
 

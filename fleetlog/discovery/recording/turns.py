@@ -7,7 +7,7 @@ differs from another is taken from there; what all have in common stays the mode
 corners of the map, rounded with the radius of the truck, explain the speeds seen better, they are kept."""
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,15 +92,13 @@ class Pass:
     profile: Floats  # Speed at all places, NaN where it does not count
 
 
-def crossings(drives: Iterable[Seen]) -> list[tuple[Way, Pass]]:
-    """Return how legs cross junctions."""
-    found = []
+def crossings(drives: Iterable[Seen]) -> Iterator[tuple[Way, Pass]]:
+    """Yield how legs cross junctions."""
     for leg, free, use in drives:
         edge = leg.path.edge
         for i in np.flatnonzero(np.diff(edge) != 0).tolist():  # The last node before each junction
             if (one := _pass(leg, free, use, i)) is not None:
-                found.append(((int(edge[i]), int(edge[i + 1])), one))
-    return found
+                yield (int(edge[i]), int(edge[i + 1])), one
 
 
 def measure(found: Iterable[tuple[Way, Pass]], truck: Truck) -> Turns:

@@ -91,9 +91,7 @@ def head(v: Verdict) -> str:
 def lines(d: Diagnosis) -> list[str]:
     """Return the answer in a few lines for a terminal."""
     v = d.verdict
-    out = [head(v)]
-    for f in v.findings[:4]:
-        out.extend(_finding(f))
+    out = [head(v), *(line for f in v.findings[:4] for line in _finding(f))]
     out += [_channel(c, c.name in v.unexplained) for c in v.channels]
     room = max(MOST_LINES - len(out), 0)
     return [*out, *(f"  note: {n}" for n in v.notes[:room])]

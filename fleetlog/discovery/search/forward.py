@@ -127,7 +127,7 @@ def _counting(
     problem: Problem, sums: Sums, now: Joint, ranked: list[Joint], rivals: list[Hypothesis]
 ) -> Iterator[Joint]:
     """Yield what may be added to the model, in the order in which it may; ``rivals`` may not."""
-    worth = [j for j in ranked if j.chosen[-1] not in rivals]
+    worth, slight = [j for j in ranked if j.chosen[-1] not in rivals], list[Joint]()
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
@@ -141,7 +141,11 @@ def _counting(
         ):
             continue
         if _counts(problem, joint.chosen[-1], size_of(problem, now, joint)):
-            yield joint
+            # What is too slight as a name says it is no more as free values by place, which say it less well.
+            if not (joint.chosen[-1].places and any(o.score < joint.score for o in slight)):
+                yield joint
+        elif joint.chosen[-1].placed:
+            slight.append(joint)
 
 
 def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Joint) -> bool:

@@ -37,8 +37,7 @@ def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> l
                 nodes |= dict.fromkeys(nx.node_connected_component(touching, spot), spot)
     tally.edges = [replace(lane, start=nodes[lane.start], end=nodes[lane.end]) for lane in lanes]
     turns = [(lane.id, f) for lane in lanes for end in touching[lane.end] for f in entering[end]]
-    if dead := len(lanes) - len({a for a, _ in turns}):
-        tally.notes.append(f"{dead} lanes end with no lane to follow")
+    tally.note(len(lanes) - len({a for a, _ in turns}), "lanes end with no lane to follow")
     return turns
 
 
@@ -57,11 +56,9 @@ def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) ->
             said.add_edge(*pair)
     # a junction lists the links of the roads that it meets in their stead
     unanswered = (b for a, b in said.edges if not said.has_edge(b, a))
-    if one := sum(not _at_junction(roads[spot.road], spot) for spot in unanswered):
-        what = "given in one direction only; they are taken to hold in both"
-        tally.notes.append(f"{one} lane links are {what}")
-    if odd:
-        tally.notes.append(f"{odd} links name roads or lanes that do not exist and are left out")
+    one = sum(not _at_junction(roads[spot.road], spot) for spot in unanswered)
+    tally.note(one, "lane links are given in one direction only; they are taken to hold in both")
+    tally.note(odd, "links name roads or lanes that do not exist and are left out")
     touching: nx.Graph[Any] = said.to_undirected()
     # Sections too short to be edges are passed through.
     short = ((r, k, s) for r in roads.values() for k, s in enumerate(r.sections) if s.end - s.start < MICRO)

@@ -1,7 +1,7 @@
 """OpenDRIVE elements as checked records.  Source: ASAM OpenDRIVE 1.8, chapters 9 to 12, and 1.4 to 1.7."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
@@ -98,7 +98,7 @@ def parse_road(element: Element) -> Road | None:
     linked = ((end, link) for end, tag in SIDES for link in element.findall(f"{tag}[@elementId]")[:1])
     kind = "elementType", "road"  # A road where it is not said
     links = {end: RoadLink(e.get(*kind), str(e.get("elementId")), contact(e)) for end, e in linked}
-    sections = _sections(lanes, length)
+    sections = tuple(_sections(lanes, length))
     return Road(str(element.get("id")), rule, plan, length, heights, rolls, offset, sections, links, speeds)
 
 
@@ -148,16 +148,14 @@ def _cubics(elements: Iterable[Element], key: str = "s", add: float = 0.0) -> ge
     return geo.Cubics(table[:, 0] + add, table[:, 1:])
 
 
-def _sections(lanes: Element, length: float) -> tuple[Section, ...]:
+def _sections(lanes: Element, length: float) -> Iterator[Section]:
     elements = lanes.findall("laneSection")
     starts = [_floats(e, "s")[0] for e in elements]
     if starts != sorted(starts):
         raise SiteError("its lane sections run backwards in s", do=AGAIN)
-    out = []
     for k, (element, (start, end)) in enumerate(zip(elements, pairwise([*starts, length]), strict=True)):
         with at(f"lane section {k}"):
-            out.append(Section(start, min(end, length), _lanes(element, start)))
-    return tuple(out)
+            yield Section(start, min(end, length), _lanes(element, start))
 
 
 def _lanes(section: Element, start: float) -> dict[int, Lane]:

@@ -75,6 +75,11 @@ class Tally:
     idle: int = 0  # stations where nothing is done
     vertices: int = 0
 
+    def note(self, number: int, what: str) -> None:
+        """Say of how many things ``what`` is so, if of any."""
+        if number:
+            self.notes.append(f"{number} {what}")
+
     @property
     def read(self) -> int:
         """Roads that were read."""
@@ -109,8 +114,7 @@ class Tally:
         """What was read; :class:`SiteError` that says so and what to ``do`` where that is no edge."""
         if not self.edges:
             raise SiteError(nothing, do=do)
-        if self.idle:
-            self.notes.append(f"{self.idle} stations are left out: no action says what is done there")
+        self.note(self.idle, "stations are left out: no action says what is done there")
         report = LoadReport(name, self.read, self.kept, dict(sorted(self.dropped.items())), tuple(self.notes))
         return RoadMap(self.edges, report, places=tuple(self.places.values()), **more)
 

@@ -8,6 +8,7 @@ road has a vertex too."""
 import difflib
 import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -39,7 +40,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     if 0 < nameless < len(lines):
         what = "name no nodes; theirs are found by coinciding ends"
         tally.notes.append(f"{nameless} of {len(lines)} roads {what}")
-    for line in _join_lines(lines, nameless == len(lines), tally.notes) if nameless else lines:
+    for line in _join_lines(lines, nameless == len(lines), tally) if nameless else lines:
         if flat:
             line.points[:, 2] = 0.0
         edge = replace(line, road=line.id)
@@ -83,8 +84,7 @@ def _add_roads(raw: list[Any], tally: Tally) -> set[str]:
                 limit, width = (_positive(properties.get(k), k) for k in ("speed_limit", "width"))
                 tally.keep(Edge(road, start, end, _points(part), road, limit, width))
                 oneway |= {road} if _truth(properties.get("oneway")) else set()
-    if unnamed:
-        tally.notes.append(f"{unnamed} roads have no id and are numbered by their place in the file")
+    tally.note(unnamed, "roads have no id and are numbered by their place in the file")
     for key, count in sorted(unread.items()):
         if close := difflib.get_close_matches(key.lower(), KNOWN, n=1, cutoff=0.75):
             tally.notes.append(f"property {key!r} of {count} roads is not read; did you mean {close[0]!r}?")
@@ -131,7 +131,7 @@ def _truth(value: Any) -> bool:
     return TRUTH[key]
 
 
-def _join_lines(lines: list[Edge], split: bool, notes: list[str]) -> list[Edge]:
+def _join_lines(lines: list[Edge], split: bool, tally: Tally) -> Iterator[Edge]:
     """Lines in degrees with the nodes "" named; ``road`` stays. Inner vertices that lie on a vertex of
     another road split theirs where ``split``."""
     first = np.concatenate([[0], np.cumsum([len(line.points) for line in lines])])
@@ -140,7 +140,6 @@ def _join_lines(lines: list[Edge], split: bool, notes: list[str]) -> list[Edge]:
     names = {int(place[first[k]]): line.start for k, line in enumerate(lines) if line.start}
     names |= {int(place[first[k + 1] - 1]): line.end for k, line in enumerate(lines) if line.end}
     shared = (np.bincount(np.unique([place, owner], axis=1)[0]) > 1) & split  # by several roads
-    out: list[Edge] = []
     divided = 0
     for line, own in zip(lines, np.split(place, first[1:-1]), strict=True):
         cut = shared[own] & (own != own[0]) & (own != own[-1])
@@ -151,11 +150,9 @@ def _join_lines(lines: list[Edge], split: bool, notes: list[str]) -> list[Edge]:
         nodes[0], nodes[-1] = line.start or nodes[0], line.end or nodes[-1]
         for n, ((a, b), (start, end)) in enumerate(zip(pairwise(bounds), pairwise(nodes), strict=True)):
             name = f"{line.id}:{n}" if len(bounds) > 2 else line.id
-            out.append(replace(line, id=name, points=line.points[a : b + 1], start=start, end=end))
-    if divided:
-        where = "where a vertex of another road lies on one of theirs"
-        notes.append(f"{divided} roads are split, as ID:0, ID:1 ..., {where}")
-    return out
+            yield replace(line, id=name, points=line.points[a : b + 1], start=start, end=end)
+    where = "where a vertex of another road lies on one of theirs"
+    tally.note(divided, f"roads are split, as ID:0, ID:1 ..., {where}")
 
 
 def _places(points: Floats, owner: Indices, first: Ints) -> Ints:

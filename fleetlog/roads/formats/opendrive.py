@@ -40,7 +40,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     header = root.find("header")
     parts = [] if header is None else [header.get(k, "0") for k in ("revMajor", "revMinor")]
     version = ".".join(f"{number(part, 'header'):.0f}" for part in parts) or "without header"
-    roads = _roads(root, tally.notes)
+    roads = _roads(root, tally)
     _add_lanes(roads, options, tally)
     allowed = connect(roads, root.findall("junction"), tally)
     rules = [road.rule for road in roads.values() if road.rule]
@@ -55,7 +55,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     )  # fmt: skip
 
 
-def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
+def _roads(root: Element, tally: Tally) -> dict[str, Road]:
     roads: dict[str, Road] = {}
     elements = root.findall("road")
     for element in elements:
@@ -63,10 +63,9 @@ def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
             road = parse_road(element)
         if road and roads.setdefault(road.id, road) is not road:
             raise SiteError(f"two roads have the id {road.id!r}", place=f"line {element.sourceline}")
-    if bare := len(elements) - len(roads):
-        notes.append(f"{bare} roads have no geometry or no lanes and are left out")
+    tally.note(len(elements) - len(roads), "roads have no geometry or no lanes and are left out")
     if root.find(".//include") is not None:
-        notes.append("included files are not read")
+        tally.notes.append("included files are not read")
     return roads
 
 

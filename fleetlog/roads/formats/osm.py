@@ -78,9 +78,7 @@ def _ways(root: Element, driven: frozenset[str], spots: Spots, tally: Tally) -> 
             tally.dropped[reason] += 1
         else:
             out.append((str(element.get("id")), chain, tags))
-    if cut:
-        what = "that are not in the file; they are drawn through those that are"
-        tally.notes.append(f"{cut} ways name nodes {what}")
+    tally.note(cut, "ways name nodes that are not in the file; they are drawn through those that are")
     return out
 
 
@@ -130,8 +128,7 @@ def _forbidden(root: Element, parts: dict[str, list[Edge]], tally: Tally) -> fro
             # Without the way that it leads to (beyond the extract) the rule would close the road.
             onward = leaving[str(node)] - onward if onward else set()
         out |= {(a, b) for a in incoming for b in onward}
-    if unread:
-        tally.notes.append(f"{unread} turn restrictions that lead over ways are not read")
+    tally.note(unread, "turn restrictions that lead over ways are not read")
     return frozenset(out)
 
 
