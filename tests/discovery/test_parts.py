@@ -459,7 +459,8 @@ def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_nois
     names = [Hypothesis("thermal_load"), Hypothesis("auxiliary_load")]
 
     def joint(chosen: Sequence[Hypothesis]) -> Joint:
-        return cast(Joint, SimpleNamespace(chosen=tuple(chosen), model=None, losses=np.zeros(1)))
+        score = 1.0 if names[1] in chosen else 2.0
+        return cast(Joint, SimpleNamespace(chosen=tuple(chosen), model=None, losses=np.zeros(1), score=score))
 
     class Noisy:
         settings, noisy = SimpleNamespace(most_findings=1), True

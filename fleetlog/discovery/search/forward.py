@@ -46,9 +46,10 @@ def search(problem: Problem, nominal: Model) -> Search:
                 found.joint = refit(problem, found.joint.model, now.chosen)
             break
         if problem.learn_anew(better.model, better.chosen, float(better.losses.sum())):
-            # Rivals that noise seemed to hide are told apart now: the step is taken once more.
+            # Rivals that noise seemed to hide are told apart now: what predicts best is kept.
             found.joint = refit(problem, found.joint.model, found.joint.chosen)
-            better = _step(problem, found)[1] or refit(problem, better.model, better.chosen)
+            both = [j for j in (better, _step(problem, found)[1]) if j is not None]
+            better = min((refit(problem, j.model, j.chosen) for j in both), key=lambda j: j.score)
         found.joint = better
     return _shaped(problem, _pruned(problem, found))
 
