@@ -26,6 +26,7 @@ from run import run
         # A hill beside junctions, a load that grows as the day warms, zones of which one ends at a junction (54).
         "grade+surface_resistance,together=road,seed=4306",
         "auxiliary_load,scope=drift,seed=4306,vehicles=6,hours=2.0", "speed_zone,site=ramps,seed=4306",
+        "speed_scale,site=none,seed=4307",
     ],
 )  # fmt: skip
 def test_concealed_effects_are_named(name: str, tmp_path: Path) -> None:

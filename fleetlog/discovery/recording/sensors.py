@@ -30,6 +30,8 @@ SURE = 4.0  # Standard errors that a fault must reach
 END = 6.0  # Metres at the ends of an edge where corners are cut
 SHORTEST = 12.0  # Metres of progress that are worth comparing
 MISMATCHED = 0.25  # A ratio of speed to progress that is off by this is a wrong match
+FEWEST = 20  # Ways of a vehicle that show by how much its speed is off
+STRAIGHT = 20.0  # Metres of such a way without a map, where rows are dense
 MANY = 2000  # Rows that show well enough which shift to look at closely
 INTERVALS = np.linspace(0.85, 1.15, 13)
 """Intervals of a mean that are tried, over twice the shift that fits best; and shifts, over that."""
@@ -236,7 +238,7 @@ def _speed_scale(fleet: Fleet, split: Split, term: Term) -> Fault | None:
     pairs: dict[int, list[tuple[float, float]]] = {}
     for vehicle, pair in itertools.chain.from_iterable(fleet.each(partial(_pairs, fleet, split))):
         pairs.setdefault(vehicle, []).append(pair)
-    found = {v: _ratio(np.array(p)) for v, p in pairs.items() if len(p) >= 20}
+    found = {v: _ratio(np.array(p)) for v, p in pairs.items() if len(p) >= FEWEST}
     # Between rows seconds apart trucks cut the bends of the map, which then looks like a low speed.
     off = _off(found, 1.0, 1.5 * term.parameters[0].tolerance * max(1.0, 0.5 * fleet.step))
     if off is None:
@@ -287,20 +289,17 @@ def _edge_pairs(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, flo
 
 
 def _chord_pairs(trajectory: Trajectory) -> Iterator[tuple[int, float, float]]:
-    """Yield row, integrated speed and chord [m] of straight runs, for logs without a map."""
+    """Yield row, integrated speed and chord [m] of straight runs, for logs without a map: of longer ones some
+    that look straight by their middle bend to and fro."""
     x, y = trajectory.floats("x"), trajectory.floats("y")
-    new = elsewhere(x, y) & np.isfinite(x)
+    rows = np.flatnonzero(elsewhere(x, y) & np.isfinite(x))
     travelled = metres_driven(trajectory.seconds(), np.nan_to_num(trajectory.floats("speed")))
-    rows = np.flatnonzero(new)
     if len(rows) < 50:
         return
     s = travelled[rows]
-    reach = max(60.0, 30.0 * float(np.median(np.diff(s))))
+    reach = max(STRAIGHT, 10.0 * float(np.median(np.diff(s))))
     i = 0
-    while i < len(rows) - 2:
-        j = int(np.searchsorted(s, s[i] + reach))
-        if j >= len(rows):
-            break
+    while i < len(rows) - 2 and (j := int(np.searchsorted(s, s[i] + reach))) < len(rows):
         a, m, b = rows[i], rows[(i + j) // 2], rows[j]
         chord = float(np.hypot(x[b] - x[a], y[b] - y[a]))
         halves = float(np.hypot(x[m] - x[a], y[m] - y[a]) + np.hypot(x[b] - x[m], y[b] - y[m]))
