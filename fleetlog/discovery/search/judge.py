@@ -85,9 +85,9 @@ def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], uni
     return np.concatenate([none, *(heard(u) for u in problem.held_out(units))], axis=1)
 
 
-def _floor(problem: Problem, before: Model, share: float) -> float | None:
+def _floor(problem: Problem, model: Model, share: float) -> float | None:
     """The noise in the windows held out beyond a model; None where it is not known."""
-    parts = problem.channel.each(partial(_left, problem, before, share))
+    parts = problem.channel.each(partial(_left, problem, model, share))
     features, told = (np.concatenate(p) for p in zip(*chain.from_iterable(parts), strict=True))
     residual, trip, held, noise = told.T
     wanted = held > 0.0
