@@ -16,7 +16,8 @@ from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.report import fields, others, words
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Finding, Parameter, interval
-from fleetlog.discovery.search.forward import Search, on_bound, search
+from fleetlog.discovery.search.finish import Search, on_bound
+from fleetlog.discovery.search.forward import search
 from fleetlog.discovery.search.joint import Joint, covariance, errors, refit
 from fleetlog.discovery.search.judge import judge
 from fleetlog.discovery.search.problem import Noise, Problem

@@ -26,6 +26,8 @@ from run import run
         # A hill beside junctions, a load that grows as the day warms, zones of which one ends at a junction (54).
         "grade+surface_resistance,together=road,seed=4306",
         "auxiliary_load,scope=drift,seed=4306,vehicles=6,hours=2.0", "speed_zone,site=ramps,seed=4306",
+        # An inertia most of which the tolerances of efficiency and mass say as well (55).
+        "surface_resistance+aerodynamic_drag+rotational_inertia,seed=4307",
         "speed_scale,site=none,seed=4307",
     ],
 )  # fmt: skip

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ from fleetlog.discovery.channels.paths import across, kinks
 from fleetlog.discovery.channels.waits import Waits
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, _numbers
-from fleetlog.discovery.model import FLEET, Model
+from fleetlog.discovery.model import FLEET, Knob, Model
 from fleetlog.discovery.recording.blocks import block, cut
 from fleetlog.discovery.recording.day import day_of
 from fleetlog.discovery.recording.fleet import Fleet, read_fleet
@@ -37,7 +37,10 @@ from fleetlog.discovery.report.fields import Values, told
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
 from fleetlog.discovery.search import forward
+from fleetlog.discovery.search import joint as joint_fit
 from fleetlog.discovery.search.beside import _best
+from fleetlog.discovery.search.design import Atom, Design
+from fleetlog.discovery.search.finish import Search
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.settings import SETTINGS
@@ -469,15 +472,57 @@ def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_nois
             was, self.noisy = self.noisy, False
             return was
 
-    def step(problem: Noisy, found: forward.Search) -> tuple[Joint, Joint]:
+    def step(problem: Noisy, found: Search) -> tuple[Joint, Joint]:
         return found.joint, joint([*found.joint.chosen, names[0 if problem.noisy else 1]])
 
     monkeypatch.setattr(forward, "_step", step)
     monkeypatch.setattr(forward, "refit", lambda problem, model, chosen: joint(chosen))
-    for last in ("_pruned", "_shaped"):
+    for last in ("pruned", "shaped"):
         monkeypatch.setattr(forward, last, lambda problem, found: found)
     found = forward.search(cast(Problem, Noisy()), cast(Model, None))
     assert found.joint.chosen == (names[1],)
+
+
+def test_a_tolerance_on_its_edge_hides_no_less_than_inside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A number found is known as well as the number of the truck file beside it lets it be, wherever that is."""
+    found, own = Knob("viscous_drag", "coefficient"), Knob("rolling_resistance", "coefficient")
+    h = Hypothesis("viscous_drag", (found,))
+    gram = 100.0 * np.array([[1.0, 0.99], [0.99, 1.0]])
+    monkeypatch.setattr(joint_fit, "_products", lambda *_: (gram, gram, np.zeros(2)))
+    problem = cast(Problem, SimpleNamespace(settings=SETTINGS))
+
+    def error(tolerance: float, at: float) -> float:
+        edge = Atom(np.array([1]), np.ones(1), 4.0 / tolerance**2, low=-tolerance, high=tolerance, knob=own)
+        free = Atom(np.array([0]), np.ones(1), 1e-6, knob=found, owner=h)
+        fitted = SimpleNamespace(beta=np.array([1.0, at]))
+        fit = cast(Joint, SimpleNamespace(design=Design((free, edge)), fitted=fitted))
+        return float(joint_fit.errors(joint_fit.covariance(problem, fit))[0])
+
+    assert error(0.5, 0.5) == error(0.5, 0.1)
+    assert error(0.5, 0.5) > 2.0 * error(0.01, 0.01)
+
+
+def test_what_a_number_spares_tolerances_speaks_for_it() -> None:
+    """Unseen trips confirm nothing of a number that tolerances say as well; that they need not, they do."""
+    unit = SimpleNamespace(
+        windows=SimpleNamespace(vehicle=np.zeros(4, int), time=np.arange(4.0)), whole=np.ones(4, bool),
+        recorded=np.full(4, 10.0), level=np.full(4, 10.0),
+    )  # fmt: skip
+    problem = cast(Problem, SimpleNamespace(
+        noise=SimpleNamespace(design=1.0, weight=lambda u: np.ones(4)), settings=SETTINGS, price=lambda h: 7.0,
+        training=lambda: [unit],
+    ))  # fmt: skip
+    h = Hypothesis("viscous_drag", (Knob("viscous_drag", "coefficient"),))
+
+    def verified(score: float) -> float:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(joint_fit, "said", lambda problem, unit, joint: (np.ones(4), None))
+            model, rest = cast(Model, SimpleNamespace(without=lambda *_: None)), cast(Any, None)
+            now, joint = (Joint(model, (h,), np.zeros(1), s, 1.0, rest, rest) for s in (0.0, score))
+            return joint_fit.size_of(problem, now, joint).verified
+
+    assert verified(7.0) == 0.0
+    assert verified(-5.0) == pytest.approx(np.sqrt(2.0 * 12.0 / 400.0))
 
 
 def test_a_stretch_gains_no_more_than_a_plausible_value_of_it() -> None:

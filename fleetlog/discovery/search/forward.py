@@ -1,38 +1,20 @@
 """The search: add what predicts best, try its rivals, drop what is not needed, until nothing is left."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
-from fleetlog.discovery.model import Model, field_values
+from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import Screened, gained, pattern_hypotheses, screen
+from fleetlog.discovery.search.finish import Rival, Search, formed, on_bound, pruned, shaped
 from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tightened, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.search.scopes import narrowed, scoped, stood_out
-
-
-@dataclass(frozen=True)
-class Rival:
-    """What was considered in place of a finding: by how much less speaks for it, in natural logarithms."""
-
-    hypothesis: Hypothesis
-    behind: float
-    share: float  # Share of the finding's gain on unseen trips that it reaches
-
-
-@dataclass
-class Search:
-    """What the search came to: the ``joint`` model, the ``base`` without findings, and rivals of each."""
-
-    base: Joint
-    joint: Joint
-    rivals: dict[Hypothesis, list[Rival]] = field(default_factory=dict)
-    best_untold: Hypothesis | None = None
 
 
 def search(problem: Problem, nominal: Model) -> Search:
@@ -51,7 +33,7 @@ def search(problem: Problem, nominal: Model) -> Search:
             both = [j for j in (better, _step(problem, found)[1]) if j is not None]
             better = min((refit(problem, j.model, j.chosen) for j in both), key=lambda j: j.score)
         found.joint = better
-    return _shaped(problem, _pruned(problem, found))
+    return shaped(problem, pruned(problem, found))
 
 
 def _step(problem: Problem, found: Search) -> tuple[Joint, Joint | None]:
@@ -280,7 +262,7 @@ def _exact(
         most = 3 if h.term is None or (h.physics and h.physics.field) else 2 if kind == "scoped" else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
-            chosen = _formed(problem, sums, now.model, (*beside, h), h)
+            chosen = formed(problem, sums, now.model, (*beside, h), h)
             short.append(refit(problem, now.model, chosen, 2 if h.term else 1, sums))
     return short
 
@@ -302,20 +284,6 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
         return of_numbers if h.knobs else 3 if h.patterns else 4 if h.field and h.term else 5, j.score
 
     return sorted(ranked, key=order)
-
-
-def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bool:
-    """Whether a hypothesis, by default the last, needs an implausible number."""
-    h = h or joint.chosen[-1]
-    pairs = zip(joint.design.atoms, joint.fitted.beta, strict=True)
-    if any(a.owner == h and not a.low < b < a.high for a, b in pairs):
-        return True
-    if not (h.patterns or h.field) or h.term is None or h.physics is None:
-        return False
-    first = h.physics.parameters[0]
-    deviation = joint.model.fields[h.term]
-    values = field_values(first, deviation)[(problem.channel.passes(h.physics) > 0) & (deviation != 0.0)]
-    return bool((values <= first.low).any() or (values >= first.high).any())
 
 
 def _at_junctions(problem: Problem, now: Joint, joint: Joint) -> bool:
@@ -365,94 +333,3 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
         share = float((now.losses - other.losses).sum()) / max(gained, 1e-12)
         out.append(Rival(h, other.score - joint.score, share))
     return out
-
-
-def _pruned(problem: Problem, found: Search) -> Search:
-    """Drop what is not needed beside the rest, or is implausible beside it: one number of two, or all."""
-    while len(found.joint.chosen) > 1 or any(_singles(h) for h in found.joint.chosen):
-        shorter = {h: _shorter(problem, found, h) for h in found.joint.chosen}
-        best = min(shorter.values(), key=lambda j: j.score)
-        bound = [j for h, j in shorter.items() if on_bound(problem, found.joint, h)]
-        if best.score - found.joint.score > problem.settings.evidence and not bound:
-            break
-        found.joint = min(bound or [best], key=lambda j: j.score)
-    return found
-
-
-def _singles(h: Hypothesis) -> list[Hypothesis]:
-    """The single numbers of a pair that may stand alone."""
-    alone = len(h.knobs) > 1 and h.physics is not None and not h.physics.vector
-    return [replace(h, knobs=(k,)) for k in h.knobs] if alone else []
-
-
-def _shorter(problem: Problem, found: Search, h: Hypothesis) -> Joint:
-    """The best fit without a hypothesis, or with one number of it alone that is plausible."""
-    tried = [_without(problem, found.joint, h)] if len(found.joint.chosen) > 1 else []
-    for part in _singles(h):
-        found.rivals[part.kind] = found.rivals.get(h.kind, [])
-        model = found.joint.model.without({*h.knobs} - {*part.knobs}, set())
-        left = refit(problem, model, [part if c is h else c for c in found.joint.chosen], 2)
-        tried += [left] if not tried or not on_bound(problem, left, part) else []
-    return min(tried, key=lambda j: j.score)
-
-
-def _without(problem: Problem, joint: Joint, dropped: Hypothesis) -> Joint:
-    """The fit without one hypothesis; of the others those with shapes are scanned anew. A threshold that was
-    set beside it may be another alone."""
-    left = refit(problem, joint.without(dropped), [c for c in joint.chosen if c is not dropped], steps=2)
-    for h in [h for h in left.chosen if h.setting]:
-        if forms := _forms(problem, h):
-            model = left.without(h)
-            sums = problem.sums(model, [*left.chosen, *forms])
-            chosen = _formed(problem, sums, model, left.chosen, h)
-            left = min(left, refit(problem, model, chosen, steps=2), key=lambda j: j.score)
-    return left
-
-
-def _forms(problem: Problem, h: Hypothesis) -> list[Hypothesis]:
-    """The shapes of a hypothesis that are scanned."""
-    return [f for f in problem.rest if f.setting and (f.term, f.knobs) == (h.term, h.knobs)]
-
-
-def _formed(
-    problem: Problem, sums: Sums, model: Model, chosen: tuple[Hypothesis, ...], h: Hypothesis
-) -> tuple[Hypothesis, ...]:
-    """The same with one of them in the shape that fits best when all others give way to it."""
-    forms = _forms(problem, h)
-    if len(forms) < 2:
-        return chosen
-    fits = (scored(problem, sums, model, [f if c is h else c for c in chosen]) for f in forms)
-    return min(fits, key=lambda j: j.score).chosen
-
-
-def _shaped(problem: Problem, found: Search) -> Search:
-    """Set shapes between the values that were scanned, in halved steps, as long as that predicts better, and
-    give even slopes of stretches the shape of a field where that does. Simple shapes go first where a name is
-    looked for; but roads begin to climb gradually: an even slope in their place is too short and steep."""
-    for h in found.joint.chosen:
-        if h not in found.joint.chosen:  # A field has taken its place.
-            continue
-        own = h
-        for near in (n for share in (0.5, 0.25, 0.125) for n in own.nearby(share)):
-            own = _swapped(problem, found, own, near)
-        if h.patterns and h.physics is not None and h.physics.odd:
-            own = _swapped(problem, found, h, replace(h, patterns=(), field=True), problem.settings.evidence)
-        if own != h:
-            found.rivals[own.kind] = found.rivals.pop(h.kind, [])
-    return found
-
-
-def _swapped(
-    problem: Problem, found: Search, own: Hypothesis, other: Hypothesis, least: float = 0.0
-) -> Hypothesis:
-    """Put one hypothesis in the place of another if that predicts better; return the one that stands."""
-    chosen, model = [other if c is own else c for c in found.joint.chosen], found.joint.without(own)
-    if other.field:  # For all stretches of its term, about the model as it is, at the variance that fits best
-        chosen = [c for c in chosen if c is other or c.term != other.term]
-        model, sums = found.joint.model, problem.sums(found.joint.model, chosen)
-        chosen = list(tuned(problem, sums, model, chosen).chosen)
-    tried = refit(problem, model, chosen, 2)
-    if found.joint.score - tried.score <= least:
-        return own
-    found.joint = tried
-    return next(c for c in chosen if c.kind == other.kind)

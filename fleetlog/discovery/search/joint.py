@@ -56,7 +56,7 @@ def scored(
     unit = 2.0 * problem.noise.design
     design = make_design(problem.channel, sums.layout, model, chosen)
     normal = design.normal(sums)
-    cost = sum(problem.settings.parameter * h.numbers + h.choices for h in chosen)
+    cost = sum(problem.price(h) for h in chosen)
     out = []
     for share in shares:
         own = design.scaled(share)
@@ -132,12 +132,13 @@ def refit(
 
 
 def covariance(problem: Problem, joint: Joint) -> Floats:
-    """Return the (k, k) covariance of a fit's coefficients; zero for those on a bound. A sandwich (Liang and
-    Zeger 1986, doi 10.1093/biomet/73.1.13), whose meat is the sum over trips of the squares of their scores;
-    the prior's part scatters as the prior says."""
+    """Return the (k, k) covariance of a fit's coefficients; zero for those on a bound of what is plausible. A
+    sandwich (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13), whose meat is the sum over trips of the
+    squares of their scores; the prior's part scatters as the prior says."""
     design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
     gram, meat, shift = _products(problem, joint)
-    free = prior.within(beta)
+    # A tolerance holds at 95 %: a number on the edge of its own is known no better than one beside it.
+    free = prior.within(beta) | np.array([a.owner is None and a.knob is not None for a in design.atoms])
     bread = np.zeros_like(gram)
     inner = gram + np.diag(prior.precision)
     bread[np.ix_(free, free)] = np.linalg.pinv(inner[np.ix_(free, free)])
@@ -210,7 +211,10 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     touched = there > 0.0
     if h.placed:
         touched &= size > problem.settings.material * level
-    gained = 2.0 * problem.noise.design * max(float((now.losses - joint.losses).sum()), 0.0)
+    gained = float((now.losses - joint.losses).sum())
+    if h.knobs:  # Tolerances may say most of a number in its place: what that costs them speaks for it, too
+        gained = max(gained, now.score - joint.score + problem.price(h))
+    gained = 2.0 * problem.noise.design * max(gained, 0.0)
     verified = np.sqrt(gained / max(float((weight * energy**2)[touched].sum()), 1e-12))
     return Size(float(size[touched].sum() / max(float(energy[touched].sum()), 1e-12)), float(verified))
 

@@ -103,6 +103,10 @@ class Problem:
         """Return the problem with a share of the trips in training, or all."""
         return Problem(self.channel.sampled(share), self.split, self.settings, self.rest)
 
+    def price(self, h: Hypothesis) -> float:
+        """Return what a hypothesis costs [nat]: its numbers, and being one of many."""
+        return self.settings.parameter * h.numbers + h.choices
+
     def learn(self, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
         """Measure the noise by what the hypotheses leave, where it is not known."""
         if not hasattr(self, "noise"):

@@ -120,7 +120,7 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
                 continue
             own = replace(h, knobs=tuple(replace(k, scope=scope) for k in h.knobs))
             gains, paid = column.validated(weight)
-            cost = problem.settings.parameter * own.numbers + own.choices
+            cost = problem.price(own)
             out.append(Screened(own, float(gains.sum()) - paid - cost, gains))
     return out
 
