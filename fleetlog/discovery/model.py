@@ -71,7 +71,7 @@ class Knob:
     @property
     def fleet(self) -> Knob:
         """The fleet's number."""
-        return replace(self, scope=FLEET)
+        return self if self.scope is FLEET else replace(self, scope=FLEET)
 
     @property
     def column(self) -> Knob:

@@ -458,21 +458,23 @@ def test_a_field_beside_junctions_alone_is_none(
 def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_noise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of two names that noise hides the simpler goes first; the noise about it parts them."""
-    names = [Hypothesis("thermal_load"), Hypothesis("auxiliary_load")]
+    """Of two names that noise hides the simpler goes first; the noise about it parts them, and no others."""
+    names, far = [Hypothesis("thermal_load"), Hypothesis("auxiliary_load")], Hypothesis("grade", field=True)
 
     def joint(chosen: Sequence[Hypothesis]) -> Joint:
         score = 1.0 if names[1] in chosen else 2.0
         return cast(Joint, SimpleNamespace(chosen=tuple(chosen), model=None, losses=np.zeros(1), score=score))
 
     class Noisy:
-        settings, noisy = SimpleNamespace(most_findings=1), True
+        settings, noisy, rest = SimpleNamespace(most_findings=1), True, (*names, far)
 
         def learn_anew(self, *_: object) -> bool:
             was, self.noisy = self.noisy, False
             return was
 
-    def step(problem: Noisy, found: Search) -> tuple[Joint, Joint]:
+    def step(problem: Noisy, found: Search, rest: tuple[Hypothesis, ...]) -> tuple[Joint, Joint]:
+        assert rest == (problem.rest if problem.noisy else tuple(names))
+        found.near = tuple(names)
         return found.joint, joint([*found.joint.chosen, names[0 if problem.noisy else 1]])
 
     monkeypatch.setattr(forward, "_step", step)

@@ -16,7 +16,7 @@ from fleetlog.discovery.channels.base import About
 from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
 from fleetlog.discovery.recording.blocks import Cut, by_window
-from fleetlog.physics.power import Physics, acting, all_terms, cell_power
+from fleetlog.physics.power import ByTerm, Physics, acting, all_terms, cell_power
 from fleetlog.physics.term import GRAVITY, Floats, Term, Values
 
 STEP = 0.01
@@ -56,7 +56,7 @@ class Evaluation:
     @cached_property
     def force(self) -> Floats:
         """(n,) total force against the motion [N]."""
-        return self._mean(lambda e: e.force) if self.physics.own else self._sum("force")
+        return self._mean(lambda e: e.force) if self.physics.own else self._sum(self._forces)
 
     @cached_property
     def gain(self) -> Floats:
@@ -71,7 +71,7 @@ class Evaluation:
             return self._mean(lambda e: e.power)
         if self.measured is not None:
             return self._seen(self.measured)
-        return self._seen(self._driven(self.force) + self._powers)
+        return self._seen(self._drawn + self._beside)
 
     @cached_property
     def mass(self) -> Floats:
@@ -79,12 +79,23 @@ class Evaluation:
         return self.truck.chassis.mass + self.motion.payload
 
     @cached_property
-    def _powers(self) -> Floats:
-        return self._sum("power")
+    def _forces(self) -> ByTerm:
+        return acting(self.motion, self.truck, self.physics, "force")
 
-    def _sum(self, acts: str) -> Floats:
-        by_term = acting(self.motion, self.truck, self.physics, acts).values()
-        return sum(by_term, np.zeros(len(self.recorded)))
+    @cached_property
+    def _powers(self) -> ByTerm:
+        return acting(self.motion, self.truck, self.physics, "power")
+
+    @cached_property
+    def _drawn(self) -> Floats:
+        return self._driven(self.force)
+
+    @cached_property
+    def _beside(self) -> Floats:
+        return self._sum(self._powers)
+
+    def _sum(self, by_term: ByTerm) -> Floats:
+        return sum(by_term.values(), np.zeros(len(self.recorded)))
 
     def _driven(self, force: Floats) -> Floats:
         drive = self.truck.drive
@@ -116,13 +127,16 @@ class Evaluation:
         assert term.function is not None
         given = {"force": self.force} if term.acts == "drive" else {}
         new = term.function(self.motion, self.truck, {**after, **given})
+        known = {"force": self._forces, "power": self._powers}.get(term.acts, {})
         active = term.nominal or term.name in self.physics.values
-        old = term.function(self.motion, self.truck, {**before, **given}) if active else np.zeros(len(new))
-        if term.acts != "force":
-            if not self.charge:
-                return new - old
-            return self._seen(self._driven(self.force) + self._powers + new - old) - self.power
-        return self._seen(self._driven(self.force + new - old) + self._powers) - self.power
+        if active and term.name not in known:
+            known = {term.name: term.function(self.motion, self.truck, {**before, **given})}
+        change = new - known[term.name] if active else new
+        if term.acts == "force":
+            return self._seen(self._driven(self.force + change) + self._beside) - self.power
+        if not self.charge:
+            return change
+        return self._seen(self._drawn + self._beside + change) - self.power
 
 
 @dataclass
@@ -194,13 +208,13 @@ class EnergyAbout(About):
         return {k: np.asarray(np.bincount(block.row, p * m.dt, len(block)) * 1e-3) for k, p in power.items()}
 
     def _error(self, source: ErrorSource) -> Floats:
+        if source.vehicle not in (None, self.vehicle):
+            return np.zeros((self.own.count, 1))
         change: Floats = getattr(self, f"_{source.name}")
         if source.road is not None:
             cells = self.channel.cells(None)
             assert isinstance(cells, Stretches)
             change = change * (cells.road(self.own.motion.edge) == source.road)
-        if source.vehicle is not None:
-            change = change * (self.own.block.vehicle == source.vehicle)
         return self.own.energy(change)[:, None]
 
     @cached_property

@@ -66,6 +66,12 @@ class Hypothesis:
         return replace(self, variance=1.0)
 
     @property
+    def alike(self) -> Hypothesis:
+        """The same for all, at all times, and of places in any shape."""
+        of_all, placed = tuple(k.fleet for k in self.knobs), self.field or bool(self.patterns)
+        return replace(self, knobs=of_all, patterns=(), field=placed, variance=1.0, when=FLEET)
+
+    @property
     def physics(self) -> Term | None:
         """The term, None of what has no name."""
         return all_terms()[self.term] if self.term else None

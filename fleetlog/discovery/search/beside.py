@@ -18,7 +18,7 @@ from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.design import Atom, Design, of_hypothesis
 from fleetlog.discovery.search.joint import SHARES, VARIANCES, Joint, scored, tightened
 from fleetlog.discovery.search.problem import Problem
-from fleetlog.discovery.search.ridge import Prior, Sums, stiff
+from fleetlog.discovery.search.ridge import Prior, Sums, inverse, stiff
 
 TOGETHER = 100  # Columns that are looked at together: many small products cost time, very large ones room
 MOST_PATTERNS = 6
@@ -66,15 +66,15 @@ class Beside:
         """Return the (K, K) inverse of its products and its (K,) fit, on all folds or all but one."""
         if without not in self._fits:
             gram, moment = (_but(p, without) for p in (self.gram, self.moment))
-            inverse = np.asarray(np.linalg.inv(stiff(gram, self.prior)), float)
-            self._fits[without] = inverse, inverse @ (moment + self.prior.precision * self.prior.centre)
+            own = inverse(stiff(gram, self.prior))
+            self._fits[without] = own, own @ (moment + self.prior.precision * self.prior.centre)
         return self._fits[without]
 
     def left(self, new: Added, without: int | None = None) -> Left:
         """Eliminate the model from columns, on all folds or all but one."""
-        inverse, beta = self.fit(without)
+        own_inverse, beta = self.fit(without)
         cross, along, own = (_but(p, without) for p in (new.cross, new.along, new.own))
-        by = inverse @ cross
+        by = own_inverse @ cross
         return Left(by, beta, own - cross.T @ by, along - cross.T @ beta)
 
     def gains(self, new: Added, several: Sequence[tuple[slice, Prior]]) -> list[tuple[Floats, float]]:

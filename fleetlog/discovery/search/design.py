@@ -14,7 +14,7 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.sources import KnobSource, Layout, Source
 from fleetlog.discovery.model import Knob, Model, Scope
-from fleetlog.discovery.search.ridge import Normal, Prior, Sums, stiff
+from fleetlog.discovery.search.ridge import Normal, Prior, Sums, inverse, stiff
 
 CERTAIN = 2.0  # A tolerance is stated at this many standard deviations
 ALIKE = 0.5  # Trucks of a fleet differ by this share of the tolerance of the truck file
@@ -61,7 +61,7 @@ class Design:
     def occam(self, normal: Normal, share: float) -> float:
         """Return what the share that it is scaled by costs: log width of the prior by number that is told."""
         which = np.array([a.of_truck_file for a in self.atoms])
-        spread = np.diag(np.linalg.inv(stiff(normal.gram.sum(axis=0), self.prior)))
+        spread = np.diag(inverse(stiff(normal.gram.sum(axis=0), self.prior)))
         known = np.clip(1.0 - self.prior.precision * spread, 0.0, 1.0)
         return float(known[which].sum() * np.log(share))
 

@@ -26,6 +26,7 @@ class Search:
     joint: Joint
     rivals: dict[Hypothesis, list[Rival]] = field(default_factory=dict)
     best_untold: Hypothesis | None = None
+    near: tuple[Hypothesis, ...] = ()  # What gained no less than a share of the best in the last step
 
 
 def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bool:

@@ -22,7 +22,7 @@ def search(problem: Problem, nominal: Model) -> Search:
     base = refit(problem, nominal, [])
     found = Search(base, base)
     while len(found.joint.chosen) < problem.settings.most_findings:
-        now, better = _step(problem, found)
+        now, better = _step(problem, found, problem.rest)
         if better is None:
             if now.chosen != found.joint.chosen:
                 found.joint = refit(problem, found.joint.model, now.chosen)
@@ -30,18 +30,20 @@ def search(problem: Problem, nominal: Model) -> Search:
         if problem.learn_anew(better.model, better.chosen, float(better.losses.sum())):
             # Rivals that noise seemed to hide are told apart now: what predicts best is kept.
             found.joint = refit(problem, found.joint.model, found.joint.chosen)
-            both = [j for j in (better, _step(problem, found)[1]) if j is not None]
+            both = [j for j in (better, _step(problem, found, found.near)[1]) if j is not None]
             better = min((refit(problem, j.model, j.chosen) for j in both), key=lambda j: j.score)
         found.joint = better
     return shaped(problem, pruned(problem, found))
 
 
-def _step(problem: Problem, found: Search) -> tuple[Joint, Joint | None]:
-    """Return the model as it fits best, and with the best hypothesis added, None where none is worth it."""
-    sums = problem.sums(found.joint.model, list(dict.fromkeys([*problem.rest, *found.joint.chosen])))
+def _step(problem: Problem, found: Search, rest: tuple[Hypothesis, ...]) -> tuple[Joint, Joint | None]:
+    """Return the model as it fits best, and with the best of some added, None where none is worth it."""
+    sums = problem.sums(found.joint.model, list(dict.fromkeys([*rest, *found.joint.chosen])))
     now = tuned(problem, sums, found.joint.model, found.joint.chosen)
-    screened = screen(problem, sums, now, _candidates(problem, sums, now))
+    screened = screen(problem, sums, now, _candidates(problem, sums, now, rest))
     screened = sorted([*screened, *scoped(problem, now, screened)], key=lambda s: -s.gain)
+    near = {s.hypothesis.alike for s in screened if s.gain > NUMBERS * screened[0].gain}
+    found.near = tuple(h for h in rest if h.alike in near)
     if found.best_untold is None and screened:
         found.best_untold = screened[0].hypothesis
     worth = [s for s in screened if _significant(problem, now, s)]
@@ -100,7 +102,8 @@ def _best(
 def _of_two(problem: Problem, name: Joint) -> Joint:
     """A model with the number beside it that predicts best."""
     sums = problem.sums(name.model, [*problem.rest, *name.chosen])
-    screened = screen(problem, sums, name, [h for h in _candidates(problem, sums, name) if h.knobs])
+    numbers = tuple(h for h in problem.rest if h.knobs)
+    screened = screen(problem, sums, name, _candidates(problem, sums, name, numbers))
     tried = [*(s.hypothesis for s in screened[:SECOND]), *_on_edge(problem, name)]
     more = _exact(problem, sums, name, dict.fromkeys(tried, name.chosen))
     return min([name, *more], key=lambda j: j.score)
@@ -207,14 +210,14 @@ def _no_better_than(
     return replace(joint, score=joint.score + seen - unseen.gain, losses=now.losses - unseen.by_fold)
 
 
-def _candidates(problem: Problem, sums: Sums, now: Joint) -> list[Hypothesis]:
-    """Every hypothesis that may be added to the model, places in simple shapes among them."""
+def _candidates(problem: Problem, sums: Sums, now: Joint, rest: tuple[Hypothesis, ...]) -> list[Hypothesis]:
+    """Those of hypotheses that may be added to the model, places in simple shapes among them."""
     knobs = {k for h in now.chosen for k in h.knobs}
     taken = {h.kind for h in now.chosen}
     placed = {h.term for h in now.chosen if h.when.timed}
     joints = [now, *(scored(problem, sums, now.model, chosen) for chosen in tightened(now.chosen)[1:])]
     out = []
-    for h in problem.rest:
+    for h in rest:
         if h not in taken and not set(h.knobs) & knobs and h.term not in placed:
             out.append(h)
             if h.field and h.term:

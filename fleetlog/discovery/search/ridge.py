@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.hypotheses.sources import Layout
@@ -117,6 +118,20 @@ def stiff(gram: Floats, prior: Prior) -> Floats:
     return out
 
 
+def inverse(stiffened: Floats) -> Floats:
+    """Return the inverse of (k, k) products; of those that rounding leaves not positive the general one."""
+    root, failed = lapack.dpotrf(stiffened)
+    if failed:
+        return np.asarray(np.linalg.inv(stiffened))
+    upper = np.triu(lapack.dpotri(root)[0])
+    return np.asarray(upper + np.triu(upper, 1).T)
+
+
+def _solution(products: Floats, right: Floats) -> Floats:
+    _, found, failed = lapack.dposv(products, right)
+    return np.asarray(np.linalg.solve(products, right) if failed else found)
+
+
 def solve(gram: Floats, moment: Floats, prior: Prior, near: Floats | None = None) -> Floats:
     """Return the (k,) most probable steps, a strictly convex problem. By block principal pivoting (Judice and
     Pires 1994): all coefficients that break a condition change sides together; where that does not lessen
@@ -132,7 +147,7 @@ def solve(gram: Floats, moment: Floats, prior: Prior, near: Floats | None = None
         beta = np.where(held < 0, prior.low, np.where(held > 0, prior.high, 0.0))
         if free.any():
             right = b[free] - h[np.ix_(free, ~free)] @ beta[~free]
-            beta[free] = np.linalg.solve(h[np.ix_(free, free)], right)
+            beta[free] = _solution(h[np.ix_(free, free)], right)
         slope = h @ beta - b
         new = np.where(free & (beta < prior.low), -1, np.where(free & (beta > prior.high), 1, held))
         new = np.where(held * slope > ROUNDING * np.diag(h), 0, new).astype(np.int8)

@@ -47,13 +47,13 @@ class Column:
         """The three products, summed over all folds."""
         return tuple(p.sum(axis=0, dtype=float) for p in (self.cross, self.along, self.own))
 
-    def gain(self, weights: Floats) -> tuple[Floats, Floats]:
-        """Return the (N,) gains, in natural logarithms, and steps of the column with (N, V, S) weights."""
+    def gain(self, trucks: Floats, slots: Floats) -> tuple[Floats, Floats]:
+        """Return the (N,) gains, in natural logarithms, and steps of the column, weighted by trucks (V,) and
+        slots of time (N, S), or by trucks (N, V) at all times (S,)."""
         inverse, beta = self.model.fit()
-        who = weights.any(axis=(0, 2))
-        cross, along, own = (a[who] for a in self.folded)
-        flat = weights[:, who].reshape(len(weights), -1)
-        c, a, o = flat @ cross.reshape(flat.shape[1], -1), flat @ along.ravel(), flat**2 @ own.ravel()
+        one, other, axis = (trucks, slots, 0) if trucks.ndim == 1 else (slots, trucks, 1)
+        summed = (np.tensordot(one**n, p, (0, axis)) for p, n in zip(self.folded, (1, 1, 2), strict=True))
+        c, a, o = (other**n @ p for p, n in zip(summed, (1, 1, 2), strict=True))
         size = o - np.einsum("ni,ni->n", c @ inverse, c)
         known, moment = size > DISTINCT * o, a - c @ beta
         step = np.where(known, moment / np.where(known, size, 1.0), 0.0)
@@ -245,12 +245,12 @@ def _kind(column: Column) -> list[tuple[Scope, Floats]]:
     _, vehicles, slots = column.along.shape
     if vehicles < 3:
         return []
-    each = np.repeat(np.eye(vehicles)[:, :, None], slots, axis=2)
-    order = np.argsort(column.gain(each)[1])
+    each, always = np.eye(vehicles), np.ones(slots)
+    order = np.argsort(column.gain(each, always)[1])
     sets = [np.sort(o[:n]) for o in (order, order[::-1]) for n in range(2, (vehicles + 1) // 2 + 1)]
-    weights = np.stack([each[who].sum(axis=0) for who in sets])
-    k = int(np.argmax(column.gain(weights)[0]))
-    return [(Scope(tuple(int(v) for v in sets[k])), weights[k])]
+    trucks = np.stack([each[who].sum(axis=0) for who in sets])
+    k = int(np.argmax(column.gain(trucks, always)[0]))
+    return [(Scope(tuple(int(v) for v in sets[k])), np.outer(trucks[k], always))]
 
 
 def _parts(column: Column, edges: Floats, who: tuple[int, ...]) -> list[tuple[float, Scope, Floats]]:
@@ -259,14 +259,14 @@ def _parts(column: Column, edges: Floats, who: tuple[int, ...]) -> list[tuple[fl
     there, first, last, ends = _spans(slots)
     ramp = (np.arange(slots) + 0.5) / slots
     trucks = np.isin(np.arange(vehicles), who).astype(float)
-    weights = trucks[:, None] * np.concatenate([there, ramp[None]])[:, None, :]
-    gains = column.gain(weights)[0]
+    weights = np.concatenate([there, ramp[None]])
+    gains = column.gain(trucks, weights)[0]
     ends = np.append(ends, 2.0 * TIME)
     k, own = int(np.argmax((gains - ends)[:-1])), who if len(who) < vehicles else ()
     drift = Scope(own, float(edges[0]), float(edges[-1]), drift=True)
     return [
-        (float(gains[k] - ends[k]), _period(edges, first[k], last[k], own), weights[k]),
-        (float(gains[-1] - ends[-1]), drift, weights[-1]),
+        (float(gains[k] - ends[k]), _period(edges, first[k], last[k], own), np.outer(trucks, weights[k])),
+        (float(gains[-1] - ends[-1]), drift, np.outer(trucks, weights[-1])),
     ]
 
 
