@@ -1,7 +1,7 @@
 """One channel, from the recording to its findings: search, judge, word."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -83,11 +83,12 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     problem.learn(found.joint.model, found.joint.chosen)
     kept = [h for h in found.joint.chosen if h.term is not None]
     # What is written holds no free curve; the corrections beside it are fitted without one, too.
-    final = _on_all(asked, found.joint.model, kept)
+    final = _on_all(asked, found.joint, kept)
     # A number may only be plausible beside a curve: it is not told then.
     while beyond := [h for h in kept if h.knobs and on_bound(problem, final, h)]:
         kept = [h for h in kept if h not in beyond]
-        final = _on_all(asked, found.joint.model.without({k for h in beyond for k in h.knobs}, set()), kept)
+        model = found.joint.model.without({k for h in beyond for k in h.knobs}, set())
+        final = _on_all(asked, replace(found.joint, model=model), kept)
     known = covariance(problem, final)
     numbers = _numbers(final, errors(known))
     chosen = [h for h in found.joint.chosen if h.term is None or h in kept]
@@ -130,9 +131,10 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     return Explained(problem, before.model, after, fit, order, small, values, numbers, unexplained)
 
 
-def _on_all(asked: Task, model: Model, kept: Sequence[Hypothesis]) -> Joint:
+def _on_all(asked: Task, joint: Joint, kept: Sequence[Hypothesis]) -> Joint:
     """Fit hypotheses to all trips: from where a sample leads, one step is as good as many (Le Cam 1956)."""
-    joint = refit(asked.sample, model, kept)
+    if asked.share >= 1.0 or joint.chosen != tuple(kept):
+        joint = refit(asked.sample, joint.model, kept)
     return joint if asked.share >= 1.0 else refit(asked.problem, joint.model, kept, steps=1)
 
 

@@ -25,7 +25,8 @@ from fleetlog.discovery.channels.paths import Path as DrivenPath
 from fleetlog.discovery.channels.paths import across, kinks
 from fleetlog.discovery.channels.waits import Waits
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
-from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, _numbers
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern, _numbers
+from fleetlog.discovery.hypotheses.sources import Layout
 from fleetlog.discovery.model import FLEET, Knob, Model
 from fleetlog.discovery.recording.blocks import block, cut
 from fleetlog.discovery.recording.day import day_of
@@ -36,13 +37,14 @@ from fleetlog.discovery.recording.turns import Turn, _map_explains, crossings, m
 from fleetlog.discovery.report.fields import Values, told
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
-from fleetlog.discovery.search import forward
+from fleetlog.discovery.search import finish, forward
 from fleetlog.discovery.search import joint as joint_fit
 from fleetlog.discovery.search.beside import _best
 from fleetlog.discovery.search.design import Atom, Design
 from fleetlog.discovery.search.finish import Search
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
+from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.settings import SETTINGS
 from fleetlog.physics.motion.legs import Leg
 from fleetlog.physics.power import Physics, all_terms, battery_power
@@ -483,6 +485,43 @@ def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_nois
         monkeypatch.setattr(forward, last, lambda problem, found: found)
     found = forward.search(cast(Problem, Noisy()), cast(Model, None))
     assert found.joint.chosen == (names[1],)
+
+
+def test_a_field_takes_the_place_of_its_shapes() -> None:
+    """One term is told once of all places: more roads go with those found, and a field holds them all."""
+    one, two = (Pattern(np.eye(3)[i].tobytes(), f"r{i}") for i in range(2))
+    road, drag = Hypothesis("grade", patterns=(one,)), Hypothesis("aerodynamic_drag", (Knob("x", "y"),))
+    more, field = replace(road, patterns=(two,)), Hypothesis("grade", field=True)
+    assert forward._whole(more, (road, drag)) == (replace(road, patterns=(one, two)), (drag,))
+    assert forward._whole(field, (road, drag)) == (field, (drag,))
+    assert forward._whole(Hypothesis("surface_resistance", field=True), (road, drag))[1] == (road, drag)
+    assert forward._whole(Hypothesis(field=True), (road, drag))[1] == (road, drag)
+
+
+def test_shapes_are_compared_whatever_the_step_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sums of a step that looks at few hypotheses lack the other shapes of a number: they are summed."""
+    knob = Knob("enabled_load", "power")
+    shapes = [Hypothesis("enabled_load", (knob,), (("hold", hold),)) for hold in (2.0, 4.0, 8.0)]
+    assert len({h.alike for h in shapes}) == 1
+    few, every = (SimpleNamespace(layout=Layout(tuple(s for h in hs for s in h.sources), (0,)))
+                  for hs in (shapes[:1], shapes))  # fmt: skip
+
+    class Shaped:
+        rest = tuple(shapes)
+
+        def layout(self, asked: Sequence[Hypothesis]) -> Layout:
+            return Layout(tuple(s for h in asked for s in h.sources), (0,))
+
+        def sums(self, *_: object) -> SimpleNamespace:
+            return every
+
+    def scored(problem: object, sums: SimpleNamespace, model: object, chosen: Sequence[Hypothesis]) -> object:
+        assert sums.layout.holds(Shaped().layout(chosen))
+        return SimpleNamespace(chosen=tuple(chosen), score=abs(dict(chosen[0].setting)["hold"] - 4.0))
+
+    monkeypatch.setattr(finish, "scored", scored)
+    problem, model = cast(Problem, Shaped()), cast(Model, None)
+    assert finish.formed(problem, cast(Sums, few), model, (shapes[0],), shapes[0]) == (shapes[1],)
 
 
 def test_a_tolerance_on_its_edge_hides_no_less_than_inside(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -67,9 +67,9 @@ class Hypothesis:
 
     @property
     def alike(self) -> Hypothesis:
-        """The same for all, at all times, and of places in any shape."""
+        """The same for all, at all times, and in any shape."""
         of_all, placed = tuple(k.fleet for k in self.knobs), self.field or bool(self.patterns)
-        return replace(self, knobs=of_all, patterns=(), field=placed, variance=1.0, when=FLEET)
+        return Hypothesis(self.term, of_all, field=placed, curve=self.curve)
 
     @property
     def physics(self) -> Term | None:

@@ -125,6 +125,8 @@ def formed(
     forms = _forms(problem, h)
     if len(forms) < 2:
         return chosen
+    if not sums.layout.holds(problem.layout([*chosen, *forms])):
+        sums = problem.sums(model, [*chosen, *forms])
     fits = (scored(problem, sums, model, [f if c is h else c for c in chosen]) for f in forms)
     return min(fits, key=lambda j: j.score).chosen
 

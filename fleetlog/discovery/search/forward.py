@@ -74,8 +74,8 @@ def _best(
     best = max((s.gain for s in worth), default=0.0)
     near = [s for s in worth if s.gain > (NUMBERS if s.hypothesis.knobs else OTHERS) * best]
     close = _close(problem, screened, worth)
-    rivals = [s.hypothesis for s in close]
-    beside = {s.hypothesis: s.beside or now.chosen for s in (*near, *close)}
+    rivals = [_whole(s.hypothesis, now.chosen)[0] for s in close]
+    beside = dict(_whole(s.hypothesis, s.beside or now.chosen) for s in (*near, *close))
     beside |= {h: now.chosen for h in _on_edge(problem, now) if h not in beside}
     tried = _exact(problem, sums, now, beside)
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
@@ -97,6 +97,13 @@ def _best(
         first, ranked = _timed(problem, now, first, ranked)
         found.rivals[first.chosen[-1].kind] = _rivals(problem, now, first, ranked)
     return first
+
+
+def _whole(h: Hypothesis, chosen: tuple[Hypothesis, ...]) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
+    """A hypothesis, and those beside it: a term's field takes the place of its shapes, and is told once."""
+    own = [c for c in chosen if h.placed and h.term and c.term == h.term]
+    shapes = [p for c in own for p in c.patterns if h.patterns]
+    return replace(h, patterns=(*shapes, *h.patterns)), tuple(c for c in chosen if c not in own)
 
 
 def _of_two(problem: Problem, name: Joint) -> Joint:

@@ -128,7 +128,7 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
 def narrowed(problem: Problem, now: Joint, joint: Joint) -> Hypothesis | None:
     """Return the field that a joint model adds, in its likeliest part of the time; None if there is none."""
     h = joint.chosen[-1]
-    if not (h.field or h.patterns) or h.term is None:
+    if not (h.field or h.patterns) or h.term is None or h.term in {c.term for c in now.chosen}:
         return None
     shape = Pattern(joint.model.fields[h.term].tobytes(), "as found")
     s = _slotted(problem, now, [Hypothesis(h.term, patterns=(shape,))])
