@@ -143,6 +143,9 @@ class Hypothesis:
         return float(1.0 + scopes) if self.field and self.term else float(np.log(35.0))
 
 
+Chosen = tuple[Hypothesis, ...]  # Hypotheses of one model, in the order in which they were added
+
+
 def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothesis]:
     """Yield every explanation of a channel but the patterns of places, which are found in its sums."""
     terms = [t for t in channel.terms() if t.told and (not only or t.name in only)]

@@ -13,7 +13,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.discovery.hypotheses.cells import Stretches
-from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern
+from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis, Pattern
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.design import Atom, Design, of_hypothesis
 from fleetlog.discovery.search.joint import SHARES, VARIANCES, Joint, scored, tightened
@@ -129,7 +129,7 @@ class Screened:
     hypothesis: Hypothesis
     gain: float
     by_fold: Floats
-    beside: tuple[Hypothesis, ...] = ()
+    beside: Chosen = ()
     """The model that it is added to: of fields in it the prior may be tighter."""
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
-from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.model import Model, field_values
 from fleetlog.discovery.search.joint import Joint, refit, scored, tuned
 from fleetlog.discovery.search.problem import Problem
@@ -26,7 +26,7 @@ class Search:
     joint: Joint
     rivals: dict[Hypothesis, list[Rival]] = field(default_factory=dict)
     best_untold: Hypothesis | None = None
-    near: tuple[Hypothesis, ...] = ()  # What gained no less than a share of the best in the last step
+    near: Chosen = ()  # What gained no less than a share of the best in the last step
 
 
 def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bool:
@@ -118,9 +118,7 @@ def _swapped(
     return next(c for c in chosen if c.kind == other.kind)
 
 
-def formed(
-    problem: Problem, sums: Sums, model: Model, chosen: tuple[Hypothesis, ...], h: Hypothesis
-) -> tuple[Hypothesis, ...]:
+def formed(problem: Problem, sums: Sums, model: Model, chosen: Chosen, h: Hypothesis) -> Chosen:
     """The same with one of them in the shape that fits best when all others give way to it."""
     forms = _forms(problem, h)
     if len(forms) < 2:

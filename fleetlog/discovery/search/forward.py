@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
-from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import Screened, gained, pattern_hypotheses, screen
@@ -36,7 +36,7 @@ def search(problem: Problem, nominal: Model) -> Search:
     return shaped(problem, pruned(problem, found))
 
 
-def _step(problem: Problem, found: Search, rest: tuple[Hypothesis, ...]) -> tuple[Joint, Joint | None]:
+def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint | None]:
     """Return the model as it fits best, and with the best of some added, None where none is worth it."""
     sums = problem.sums(found.joint.model, list(dict.fromkeys([*rest, *found.joint.chosen])))
     now = tuned(problem, sums, found.joint.model, found.joint.chosen)
@@ -99,7 +99,7 @@ def _best(
     return first
 
 
-def _whole(h: Hypothesis, chosen: tuple[Hypothesis, ...]) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
+def _whole(h: Hypothesis, chosen: Chosen) -> tuple[Hypothesis, Chosen]:
     """A hypothesis, and those beside it: a term's field takes the place of its shapes, and is told once."""
     own = [c for c in chosen if h.placed and h.term and c.term == h.term]
     shapes = [p for c in own for p in c.patterns if h.patterns]
@@ -217,7 +217,7 @@ def _no_better_than(
     return replace(joint, score=joint.score + seen - unseen.gain, losses=now.losses - unseen.by_fold)
 
 
-def _candidates(problem: Problem, sums: Sums, now: Joint, rest: tuple[Hypothesis, ...]) -> list[Hypothesis]:
+def _candidates(problem: Problem, sums: Sums, now: Joint, rest: Chosen) -> list[Hypothesis]:
     """Those of hypotheses that may be added to the model, places in simple shapes among them."""
     knobs = {k for h in now.chosen for k in h.knobs}
     taken = {h.kind for h in now.chosen}
@@ -260,9 +260,7 @@ def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
     return [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in knobs]
 
 
-def _exact(
-    problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, tuple[Hypothesis, ...]]
-) -> list[Joint]:
+def _exact(problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, Chosen]) -> list[Joint]:
     """The best few, each beside its model, fitted exactly: of every term the best form."""
     short: list[Joint] = []
     seen: dict[object, int] = {}

@@ -9,7 +9,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Unit
-from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.hypotheses.sources import Layout
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.search.design import Design, make_design
@@ -31,7 +31,7 @@ class Joint:
     the cost of its numbers."""
 
     model: Model
-    chosen: tuple[Hypothesis, ...]
+    chosen: Chosen
     losses: Floats
     score: float
     energy: float  # Weighted square of the recorded quantity, in the unit of the losses
@@ -78,7 +78,7 @@ def tuned(problem: Problem, sums: Sums, model: Model, chosen: Sequence[Hypothesi
     return best
 
 
-def tightened(chosen: tuple[Hypothesis, ...]) -> list[tuple[Hypothesis, ...]]:
+def tightened(chosen: Chosen) -> list[Chosen]:
     """Return hypotheses, and the same with tight priors of fields: wide ones take up what is yet to tell."""
     tight = tuple(replace(h, variance=VARIANCES[0]) if h.field and h.term else h for h in chosen)
     return [chosen] if tight == chosen else [chosen, tight]

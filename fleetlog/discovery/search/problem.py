@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.discovery.channels.base import Channel, Columns, Unit
-from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Layout, Source, lay_out
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Windows
@@ -73,7 +73,7 @@ class Problem:
     channel: Channel
     split: Split
     settings: Settings
-    rest: tuple[Hypothesis, ...]
+    rest: Chosen
     noise: Noise = field(init=False)  # What :meth:`learn` measured
 
     def layout(self, hypotheses: Sequence[Hypothesis]) -> Layout:
