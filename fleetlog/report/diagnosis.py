@@ -9,7 +9,7 @@ from fleetlog.core.words import percent
 from fleetlog.discovery.diagnose import Diagnosis, diagnose
 from fleetlog.discovery.report.finding import Finding
 from fleetlog.discovery.report.output import head
-from fleetlog.discovery.report.words import advice, place
+from fleetlog.discovery.report.words import advice, onward, place
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
 from fleetlog.physics.power import all_terms
@@ -58,7 +58,7 @@ def diagnosis_page(d: Diagnosis, drawn: Result, site: Site) -> str:
     return render(
         "diagnosis.html", title="Differences between recording and model", lead=[head(v), *_cost(d)],
         channels=judged, todo=_todo(v.findings, site.timezone or "UTC"),
-        findings=[(f, _sentence(f), _ranking(f), _roads(f)) for f in v.findings],
+        findings=[(f, onward(f, _plain), _ranking(f), _roads(f)) for f in v.findings],
         pictures=_pictures(drawn, site), notes=v.notes + [f"{_plain(n)}: {why}" for n, why in untold],
     )  # fmt: skip
 
@@ -119,14 +119,6 @@ def _pictures(result: Result, site: Site) -> list[Picture]:
 
 def _share(value: float | None) -> str:
     return "not judged" if value is None or not np.isfinite(value) else percent(value, 1)
-
-
-def _sentence(f: Finding) -> str:
-    """What cannot be told from it, and what would."""
-    if f.not_excluded:
-        others = ", ".join(_plain(n) for n in f.not_excluded)
-        return f"These data cannot tell it from {others}. To tell them apart: {f.needs or 'record more'}."
-    return f"To go on: {f.needs}." if f.needs else ""
 
 
 def _ranking(f: Finding) -> list[tuple[str, str, float, bool]]:

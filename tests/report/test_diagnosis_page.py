@@ -9,7 +9,7 @@ import pytest
 
 from fleetlog.discovery.report.finding import Finding, Parameter
 from fleetlog.discovery.report.output import _finding
-from fleetlog.discovery.report.words import statement
+from fleetlog.discovery.report.words import onward, statement
 from fleetlog.physics.power import all_terms
 from fleetlog.report.diagnosis import _ranking, _todo
 
@@ -46,6 +46,17 @@ def test_a_statement_is_one_sentence_that_leaves_advice_to_the_term_and_writes_p
 
 def test_the_terminal_says_what_to_do() -> None:
     assert _finding(WORN)[1] == f"    What to do: {all_terms()['surface_resistance'].advice}."
+
+
+def test_what_unseen_trips_speak_against_is_said_to_be_unconfirmed() -> None:
+    evidence = {"held_out_gain": -1e-5, "alternatives": []}
+    assert onward(WORN) == "" and len(_finding(WORN)) == 2
+    assert "do not confirm it" in _finding(replace(WORN, evidence=evidence))[2]
+    rival = replace(WORN, evidence=evidence, not_excluded=["grade"], needs="drive both ways")
+    assert _finding(rival)[2].endswith(
+        "These data cannot tell it from grade. To tell them apart: drive both ways."
+    )
+    assert onward(rival, str.upper).startswith("These data cannot tell it from GRADE.")
 
 
 def test_a_row_names_trucks_place_and_time_of_the_site() -> None:

@@ -17,7 +17,7 @@ from fleetlog.discovery.model import FLEET
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.report import fields
 from fleetlog.discovery.report.finding import ChannelFit, Finding, Verdict
-from fleetlog.discovery.report.words import advice
+from fleetlog.discovery.report.words import advice, onward
 from fleetlog.physics.field import Field
 from fleetlog.physics.model import save_physics
 from fleetlog.physics.power import Own, Physics, all_terms
@@ -98,10 +98,8 @@ def lines(d: Diagnosis) -> list[str]:
 
 
 def _finding(f: Finding) -> list[str]:
-    out = [f"  {f.term} ({f.channel}): {f.statement}.", f"    What to do: {advice(f)}."]
-    if f.not_excluded:
-        out.append(f"    Not excluded: {', '.join(f.not_excluded)}. To tell them apart, {f.needs}.")
-    return out
+    out = [f"  {f.term} ({f.channel}): {f.statement}.", f"    What to do: {advice(f)}.", f"    {onward(f)}"]
+    return [line for line in out if line.strip()]
 
 
 def _channel(c: ChannelFit, unexplained: bool) -> str:

@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
@@ -96,6 +96,16 @@ def unknown(depends_on: Sequence[str], where: dict[str, Any] | None) -> str:
     what = " and ".join(s for s in (VARIABLES.get(d, d.replace("_", " ")) for d in depends_on) if s)
     at = f", mostly {place(where)}" if where else ""
     return f"A mismatch that no known term explains depends on {what}{at}"
+
+
+def onward(f: Finding, name: Callable[[str], str] = str) -> str:
+    """Return what cannot be told from a finding, or that unseen trips do not confirm it, and what would."""
+    if f.not_excluded:
+        others = ", ".join(name(n) for n in f.not_excluded)
+        return f"These data cannot tell it from {others}. To tell them apart: {f.needs or 'record more'}."
+    if (f.evidence.get("held_out_gain") or 0.0) < 0.0:
+        return "The trips held out do not confirm it: record more there before you act on it."
+    return f"To go on: {f.needs}." if f.needs else ""
 
 
 def needs(term: str | None, others: Sequence[str]) -> str | None:

@@ -48,11 +48,9 @@ def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint |
         found.best_untold = screened[0].hypothesis
     worth = [s for s in screened if _significant(problem, now, s)]
     better = _best(problem, sums, now, found, screened, worth)
-    if better is not None:
-        return now, better
     # What gains most may be spread thinly over the site, and not count; waits gain less, at few places.
     waits = [s for s in worth if s.hypothesis.physics is not None and s.hypothesis.physics.acts == "wait"]
-    better = _best(problem, sums, now, found, screened, waits) if waits else None
+    better = better or (_best(problem, sums, now, found, screened, waits) if waits else None)
     return now, better or _at_times(problem, now, found)
 
 
