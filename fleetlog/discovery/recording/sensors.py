@@ -35,7 +35,7 @@ STRAIGHT = 20.0  # Metres of such a way without a map, where rows are dense
 MANY = 2000  # Rows that show well enough which shift to look at closely
 INTERVALS = np.linspace(0.85, 1.15, 13)
 """Intervals of a mean that are tried, over twice the shift that fits best; and shifts, over that."""
-LOOKED_AT = 4  # Days of a vehicle whose clock is looked at: 24 pieces tell how late it is
+LOOKED_AT = 2  # Days of a vehicle whose clock is looked at: twelve pieces tell how late it is
 PIECE = 200  # Rows of a piece whose clock is looked at by itself
 
 

@@ -11,6 +11,7 @@ from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.discovery.channels.base import Channel, Columns, Unit
@@ -183,13 +184,14 @@ def _left(kept: list[Table], noise: Noise) -> tuple[list[Floats], list[Floats]]:
         gram += z.T @ z
         moment += z.T @ ((unit.recorded - modelled) * root).astype(np.float32)
     gram += np.diag(RIDGE * np.diag(gram) + 1e-9 * max(float(np.diag(gram).max(initial=0.0)), 1e-9))
-    inverse = np.linalg.inv(gram)
-    beta = (inverse @ moment).astype(np.float32)
-    small = inverse.astype(np.float32)
+    root = cholesky(gram, lower=True)
+    beta = cho_solve((root, True), moment).astype(np.float32)
+    small = root.astype(np.float32)
     left, said = [], []
     for unit, modelled, x in kept:
         weight = noise.weight(unit) * unit.whole
-        lever = np.einsum("ij,ij->i", x @ small, x) * weight
+        told = solve_triangular(small, x.T, lower=True, check_finite=False)
+        lever = np.einsum("ij,ij->j", told, told) * weight
         said.append(np.abs(unit.level + x @ beta))
         left.append((unit.recorded - modelled - x @ beta) / np.maximum(1.0 - lever, 1e-3))
     return left, said
