@@ -216,9 +216,8 @@ class Untangler:
         """Send who cannot get into its bay, or out of it, by another door; on the road it drives on."""
         f, ways, door = self.fleet, self.world.ways, self.world.doors[self.fleet.door[v]]
         stands = f.mode[v] in (Mode.AT_BAY, Mode.WANTS_OUT) and not f.entry[v]
-        # What it has reserved is counted along its old way; the lane that it stands on is the first of any.
-        here = f.mode[v] == Mode.AT_BAY and f.held_from[v] == f.held_to[v] == f.at[v]
-        if not stands or (f.held_to[v] >= f.held_from[v] and not here):
+        if not stands or f.held_to[v] >= f.held_from[v]:
+            # What it has reserved is counted along its old way.
             return False
         if f.mode[v] == Mode.WANTS_OUT:
             others = [d for d in ways.of_bay[door.bay] if d != f.door[v]]
@@ -229,8 +228,6 @@ class Untangler:
             return False
         f.asks[f.asks == v] = -1
         self._take(v, way)
-        if here:
-            f.held_from[v] = f.held_to[v] = 0
         if f.mode[v] == Mode.AT_BAY:
             # In a bay it has not begun to wait anew: who waits longest asks first.
             f.mode[v], f.waits[v] = Mode.DRIVING, np.inf

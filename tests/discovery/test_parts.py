@@ -487,6 +487,27 @@ def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_nois
     assert found.joint.chosen == (names[1],)
 
 
+def test_how_well_a_number_is_known_does_not_hang_on_its_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An ohm may have as many watts as it likes: neither is known the better for the other."""
+    h, knobs = (
+        Hypothesis("viscous_drag"),
+        [Knob("battery_resistance", "resistance"), Knob("auxiliary_load", "power")],
+    )
+    known = []
+    for unit in (1.0, 1e-9):
+        scale = np.array([1.0, unit])
+        gram = np.outer(scale, scale) * np.array([[4.0, 1.0], [1.0, 9.0]])
+        monkeypatch.setattr(joint_fit, "_products", lambda *_, gram=gram: (gram, gram, np.zeros(2)))
+        atoms = [
+            Atom(np.array([i]), np.ones(1), 1e-6 * s**2, knob=k, owner=h)
+            for i, (k, s) in enumerate(zip(knobs, scale, strict=True))
+        ]
+        fit = SimpleNamespace(design=Design(tuple(atoms)), fitted=SimpleNamespace(beta=np.zeros(2)))
+        problem = cast(Problem, SimpleNamespace(settings=SETTINGS))
+        known.append(joint_fit.errors(joint_fit.covariance(problem, cast(Joint, fit))) * scale)
+    assert known[0] == pytest.approx(known[1], rel=1e-6)
+
+
 def test_a_field_takes_the_place_of_its_shapes() -> None:
     """One term is told once of all places: more roads go with those found, and a field holds them all."""
     one, two = (Pattern(np.eye(3)[i].tobytes(), f"r{i}") for i in range(2))

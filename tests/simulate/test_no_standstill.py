@@ -12,7 +12,6 @@ from fleetlog.simulate.kernels import gates, lanes
 from fleetlog.simulate.kernels.gates import ask
 from fleetlog.simulate.state import Mode, Trucks, limits_of, new_fleet
 from fleetlog.simulate.tasks import Demand, Task
-from fleetlog.simulate.watch import Untangler, holdings
 from fleetlog.simulate.world import build_world
 
 PATIENCE = 300.0
@@ -161,22 +160,6 @@ def test_who_comes_out_asks_nobody_while_somebody_stands_in_its_way_but_not_for_
             fleet.piece[1], fleet.tail[lane], fleet.s[1], fleet.v[1] = lane, 1, at + where, pace
             ask.py_func(roads, fleet, 0, x, True, waited)
             assert fleet.asks[lanes].tolist() == [asks, asks]
-
-
-def test_who_cannot_turn_in_just_behind_a_crossing_drives_on():
-    """Its tail keeps the lane, and whoever follows through the crossing keeps the ground of the bay."""
-    world = build_world(grid(3, 3, 60.0), TRUCK, 5)
-    roads = world.roads
-    fleet = new_fleet(1, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 64)
-    door = int(np.flatnonzero(roads.door_lane == world.track.network.index["e00h"])[0])
-    fleet.mode[0], fleet.door[0], fleet.piece[0] = Mode.AT_BAY, door, roads.door_lane[door]
-    fleet.s[0], fleet.at[0], fleet.last[0], fleet.route[0, 4] = roads.door_at[door], 4, 4, fleet.piece[0]
-    fleet.held_from[0] = fleet.held_to[0] = 4
-    held = holdings(roads, fleet)[1].tolist()
-    assert Untangler(world, fleet)._other_door(0) and fleet.mode[0] == Mode.DRIVING and fleet.last[0] > 0
-    assert holdings(roads, fleet)[1].tolist() == held
-    fleet.mode[0], fleet.held_from[0] = Mode.AT_BAY, -1
-    assert not Untangler(world, fleet)._other_door(0)
 
 
 def test_several_trucks_cross_a_lane_each_at_its_own_place(monkeypatch):

@@ -141,7 +141,11 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     free = prior.within(beta) | np.array([a.owner is None and a.knob is not None for a in design.atoms])
     bread = np.zeros_like(gram)
     inner = gram + np.diag(prior.precision)
-    bread[np.ix_(free, free)] = np.linalg.pinv(inner[np.ix_(free, free)])
+    root = np.sqrt(np.maximum(np.diag(inner), 1e-300))  # Ohms and watts differ by more than rounding allows
+    scale = np.outer(root, root)
+    bread[np.ix_(free, free)] = (
+        np.linalg.pinv((inner / scale)[np.ix_(free, free)]) / scale[np.ix_(free, free)]
+    )
     out = problem.settings.widening**2 * (bread @ (meat + np.diag(prior.precision)) @ bread)
     # The model may be off by its own error in all windows alike: by so much all numbers move together.
     out += np.outer(bread @ shift, bread @ shift)
