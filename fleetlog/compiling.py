@@ -10,10 +10,9 @@ import re
 from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from numba import njit, types
-from numba.core import event
 from numba.core.compiler import Flags
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -28,6 +27,7 @@ def kernel(**options: Any) -> Callable[[F], F]:
         except RuntimeError:  # numba found no folder that it can write
             made = njit(**options)(function)
         made._compiler._customize_flags = _Flags
+        made._compiler.compile = partial(_quietly, made._compiler.compile)
         made.get_call_template = lambda args, kws: type(made).get_call_template(
             made, tuple(map(_wide, args)), kws
         )
@@ -66,22 +66,16 @@ class _Flags(Flags):  # type: ignore[misc]
         return isinstance(other, _Flags) and self._values == other._values
 
 
-class _Quiet(event.Listener):  # type: ignore[misc]
+def _quietly(compile: Callable[..., Any], *what: Any) -> Any:
     """Python looks for no garbage while a kernel is compiled: a tenth of that time for nothing, since what
     numba makes of a kernel lasts until it is compiled."""
-
-    was: ClassVar[list[bool]] = []
-
-    def on_start(self, _: event.Event) -> None:
-        self.was.append(gc.isenabled())
-        gc.disable()
-
-    def on_end(self, _: event.Event) -> None:
-        if self.was.pop():
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        return compile(*what)
+    finally:
+        if was:
             gc.enable()
-
-
-event.register("numba:compile", _Quiet())
 
 
 @lru_cache
@@ -103,6 +97,7 @@ _OPTIONS = {"_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True, "no
 outer = kernel(**_OPTIONS)
 inner = kernel(**_OPTIONS, no_cpython_wrapper=True)
 once = kernel(**_OPTIONS, inline="always")  # called at one place
+free = kernel(**_OPTIONS, nogil=True)  # Other threads run meanwhile
 fast_outer = kernel(**_OPTIONS, fastmath=True)
 # Written into their callers: as kernels of their own they gave the matcher's sums, which may be taken in any
 # order, other last digits in the process that compiled them than in those that load the callers from disk.

@@ -64,19 +64,10 @@ def passes(
     return np.sqrt(square)
 
 
-@kernel()
 def clock(distance: Floats, speed: Floats, wait: Floats, up: float, down: float) -> Floats:
     """(N,) arrival times [s]; ``wait`` is spent at a node before going on.  A stretch with a stop at either
     end, or a hair from one, is driven up and down again within it."""
-    n = len(distance)
-    time = np.zeros(n)
-    for i in range(n - 1):
-        ds, total = distance[i + 1] - distance[i], speed[i] + speed[i + 1]
-        if ds <= 0.0:
-            took = 0.0
-        elif max(speed[i], speed[i + 1]) > AT_REST:
-            took = 2.0 * ds / total
-        else:
-            took = np.sqrt(2.0 * ds * (1.0 / up + 1.0 / down))
-        time[i + 1] = time[i] + wait[i] + took
-    return time
+    ds, total = np.maximum(np.diff(distance), 0.0), np.maximum(speed[:-1] + speed[1:], AT_REST)
+    stops = np.maximum(speed[:-1], speed[1:]) <= AT_REST
+    took = np.where(stops, np.sqrt(2.0 * ds * (1.0 / up + 1.0 / down)), 2.0 * ds / total)
+    return np.append(0.0, np.column_stack([wait[: len(ds)], took])).cumsum()[::2].copy()

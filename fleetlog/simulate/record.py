@@ -44,7 +44,8 @@ def locate(ground: Track, log: Log) -> Columns:
     from fleetlog.simulate.kernels.geometry import expand
 
     t, back = ground, (log.mode == Mode.LEAVING).ravel()
-    out, edge = expand(log.piece.ravel(), log.s.ravel(), back, t.first, t.spacing, t.samples, t.edge)
+    out, edge = np.empty((8, log.piece.size)), np.empty(log.piece.size, np.int32)
+    expand(log.piece.ravel(), log.s.ravel(), back, t.first, t.spacing, t.samples, t.edge, out, edge)
     names = ("x", "y", "z", "heading", "curvature", "slope", "edge_offset", "lateral_offset", "edge")
     return {n: values.reshape(log.piece.shape) for n, values in zip(names, [*out, edge], strict=True)}
 

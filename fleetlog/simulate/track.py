@@ -212,7 +212,8 @@ def assemble(
     late = np.arange(len(x)) - first[piece] >= count[piece] / 2
     edge = np.where(source[piece] < 0, lanes[piece], np.where(late, target[piece], source[piece]))
     plane = np.ascontiguousarray(network.points[:, :2])
-    offset, lateral = project_points(plane, network.first, network.distance, edge, x, y)
+    offset, lateral = np.zeros((2, len(x)))
+    project_points(plane, network.first, network.distance, edge, x, y, offset, lateral)
     return Track(
         network, first, length / (count - 1), length, source.astype(np.int32), target.astype(np.int32), x, y,
         network.position(edge, offset)[:, 2].copy(), np.angle(np.exp(1j * heading)), curvature,

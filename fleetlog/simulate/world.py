@@ -135,7 +135,8 @@ def caps(site: Site, track: Track, physics: Physics) -> Floats:
             x=track.x, y=track.y, edge=track.edge, edge_offset=track.offset, payload=payload,
         )  # fmt: skip
         cap = np.maximum(allowed_speed(motion, physics), 0.05)
-        out[laden] = brake_ahead(cap, track.first, track.spacing, PLAN * truck.drive.max_deceleration)
+        brake_ahead(cap, track.first, track.spacing, PLAN * truck.drive.max_deceleration)
+        out[laden] = cap
     return out
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fleetlog.compiling import inner, kernel
+from fleetlog.compiling import free, inner
 from fleetlog.physics.formulas import LADEN
 from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
 from fleetlog.simulate.kernels.lanes import cross, end_spur, is_safe_lane, let_go, safe, stand, wait_ahead
@@ -149,8 +149,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     log.trip[v, column], log.mode[v, column] = f.trip[v], m
 
 
-# As in inner kernels, nothing allocates: references need no counting.
-@kernel(_nrt=False, nogil=True)
+@free
 def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float) -> None:
     """``steps`` steps of ``dt`` [s] from step number ``step0``, logged from ``column`` on."""
     trucks = len(f.mode)
