@@ -87,7 +87,7 @@ def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_wid
 
 
 class Stand(NamedTuple):
-    """Where recorded trucks stood and how they came [m, rad]; whether they mostly turned round there."""
+    """Where recorded trucks stood and how they came [m, rad]; whether two turned round there."""
 
     x: float
     y: float
@@ -105,8 +105,7 @@ def recorded_stands(stands: Stands, cluster: Ints, names: Sequence[str]) -> dict
         if not len(mine) or alike.sum(axis=1).max() < 0.5 * len(mine):
             continue
         mine = mine[alike[np.argmax(alike.sum(axis=1))]]
-        turn = np.cos(stands.out[mine] - stands.into[mine])
-        turns = bool(np.mean(turn[np.isfinite(turn)] < 0.0) > 0.5) if np.isfinite(turn).any() else False
+        turns = bool((np.cos(stands.out[mine] - stands.into[mine]) < 0.0).sum() > 1)
         x, y = np.median(stands.x[mine]), np.median(stands.y[mine])
         out[name] = Stand(float(x), float(y), float(np.angle(np.exp(1j * stands.into[mine]).mean())), turns)
     return out
@@ -116,10 +115,12 @@ def door_beside(
     track: Track, junctions: Junctions, truck: Truck, stand: Stand, near: Sequence[tuple[float, int, float]]
 ) -> Door | None:
     """The spot on the nearest lane that leads as trucks came; None where no lane ``near`` does."""
-    for gap, lane, at in near:
-        if gap > BESIDE:
-            break
+    for _, lane, at in (one for one in near if one[0] <= BESIDE):
         low, high = span(track, junctions, lane)
+        if stand.turns and (other := int(track.network.reverse[lane])) >= 0:
+            # So far from the crossing that the opposite lane has room beside it too.
+            first, last = (track.length[other] - o for o in span(track, junctions, other)[::-1])
+            low, high = max(low, first + SPACING), min(high, last - SPACING)
         k = int(track.first[lane] + round(float(np.clip(at, low, high)) / track.spacing[lane]))
         if high < low or abs(np.angle(np.exp(1j * (track.heading[k] - stand.heading)))) > ALONG:
             continue

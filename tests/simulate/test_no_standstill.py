@@ -253,3 +253,24 @@ def test_who_has_turned_off_a_lane_is_in_nobodys_way_there(monkeypatch):
         lanes.end_spur.py_func(roads, fleet, 0)
         found.append((int(fleet.tail[lane]), int(fleet.on[lane]), int(fleet.crossed[crosses])))
     assert found == [(0, 1, 0), (-1, 0, 0), (-1, 0, -1)]
+
+
+def test_who_turns_into_its_bay_does_not_wait_for_one_that_comes_behind_it(monkeypatch):
+    """That one waits for it: neither would ever move."""
+    for name in ("is_safe_lane", "resource", "holds"):
+        monkeypatch.setattr(lanes, name, getattr(lanes, name).py_func)
+    world = build_world(aisle(), TRUCK, 10)
+    roads, pieces, count = world.roads, len(world.roads.length), len(world.roads.clear)
+    spurs = pieces + 2 * count
+    found = 0
+    for door, lane in enumerate(roads.door_lane.tolist()):
+        ground = roads.conflicts[roads.conflict_first[spurs + door] : roads.conflict_first[spurs + door + 1]]
+        for piece in ground[(ground < pieces) & (ground != lane)].tolist():
+            for target, free in ((lane, True), (lane + 1, False)):
+                fleet = new_fleet(2, count, pieces, len(roads.conflict_first) - 1, 16)
+                fleet.mode[:], fleet.piece[:], fleet.door[0] = Mode.DRIVING, (lane, piece), door
+                fleet.route[1, :2], fleet.held_to[1], fleet.held[piece] = (piece, target), 1, 1
+                found += 1
+                assert lanes.is_free.py_func(roads, fleet, 0, spurs + door, True) == free
+                assert not lanes.is_free.py_func(roads, fleet, 0, spurs + door, False)
+    assert found

@@ -84,18 +84,17 @@ def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
 @inner
 def is_free(r: Roads, f: Fleet, v: int, what: int, ahead: bool) -> bool:
     """Whether nobody else holds or has claimed what excludes resource ``what``; for who is ``ahead``, on the
-    road already, claims do not count, nor trucks behind it on its piece."""
+    road already, claims do not count, nor trucks that come onto its piece behind it."""
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
         q = r.conflicts[i]
         others = f.held[q]
         if others > 0 and holds(r, f, v, q):
             others -= 1
         if ahead:
-            u = f.tail[f.piece[v]]
-            while others > 0 and u != v:
-                if holds(r, f, u, q):
+            for u in range(len(f.mode) if others > 0 else 0):
+                behind = f.mode[u] == Mode.DRIVING and (f.piece[u] != f.piece[v] or f.s[u] < f.s[v])
+                if behind and f.route[u, f.held_to[u]] == f.piece[v] and holds(r, f, u, q):
                     others -= 1
-                u = f.ahead[u]
         elif f.claimed[q] == f.round[0]:
             return False
         if others > 0:
