@@ -9,10 +9,13 @@ from laws import overlaps
 from scipy.stats import ks_2samp
 from simulated_sites import PLACES, TRUCK, crossing, grid
 
+from fleetlog.core.site import Place
 from fleetlog.simulate.demand import Itineraries, at_places, delays, like, recorded_drivers
+from fleetlog.simulate.doors import Stand
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.tasks import Visit
 from fleetlog.simulate.ways import recorded_turns, with_turns
+from fleetlog.simulate.world import build_world
 from fleetlog.store import Dataset, DatasetWriter
 
 
@@ -168,3 +171,17 @@ def test_trucks_take_the_ways_that_were_recorded(simulated):
     ]
     assert share[1] > 0.005
     assert share[0] < 0.1 * share[1]
+
+
+def test_who_was_seen_to_turn_round_at_a_crossing_may_leave_either_way():
+    """A place right at the end of a lane: there is no room beside it for a half turn, but a little before."""
+    network, doors = grid(3, 3).network, []
+    x, y, _ = network.position(np.array([0]), network.length[:1])[0]
+    heading = float(network.heading(np.array([0]), network.length[:1])[0])
+    for turns in (False, True):
+        stands = {"there": Stand(float(x), float(y), heading, turns)}
+        site = grid(3, 3, places=[Place("there", "drop", float(x), float(y))])
+        world = build_world(site, TRUCK, 2, stands=stands)
+        at = next(b for b, bay in enumerate(world.bays) if bay.place.id == "there")
+        doors.append(len(world.ways.of_bay[at]))
+    assert doors == [1, 2]
