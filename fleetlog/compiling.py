@@ -7,13 +7,19 @@ into it, and not at the records that it takes, whose old names it would fail to 
 import gc
 import hashlib
 import re
+import secrets
 from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from numba import njit, types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.compiler import Flags
+
+# numba counts functions from 1 and names their code after the number.  Two processes give the same number to
+# functions of one name that hold different values; whoever loads both from disk runs one for the other.
+FunctionIdentity._unique_ids = iter(partial(secrets.randbits, 64), None)
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -1,6 +1,7 @@
 """Jobs on the cores of this machine: processes that are replaced when they die and end with their parent."""
 
 import ctypes
+import faulthandler
 import multiprocessing
 import os
 import pickle
@@ -139,6 +140,7 @@ def _end(crew: dict[Connection, BaseProcess]) -> None:
 def _serve(work: Callable[[Any], Any], name: Callable[[Any], str], pipe: Connection, parent: int) -> None:
     """Do jobs until the parent ends."""
     interrupt.obey()
+    faulthandler.enable(2)  # where compiled code died is worth a report
     if sys.platform == "linux":  # siblings hold the other end of the pipe, so it would not close
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:

@@ -83,6 +83,29 @@ def test_two_processes_that_compile_a_kernel_at_once_do_not_mix_up_its_types(
         assert ours.load("one") in ("our code", None) and ours.load("two") in ("their code", None)
 
 
+def test_functions_of_one_name_that_two_processes_compiled_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "alike.py").write_text(
+        "from fleetlog.compiling import kernel\n\n"
+        "def made(value):\n"
+        "    @kernel()\n"
+        "    def inner(n):\n"  # it calls itself twice, so it is not written into its caller
+        "        return value if n < 2 else inner(n - 1) + inner(n - 2)\n\n"
+        "    return inner\n\n"
+        "first, second = made(1), made(10)\n\n"
+        "@kernel()\ndef one(n):\n    return first(n)\n\n"
+        "@kernel()\ndef ten(n):\n    return second(n)\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    done = [
+        subprocess.run(
+            [sys.executable, "-c", f"import alike; print({called})"],
+            env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=True,
+        ).stdout.strip()
+        for called in ("alike.one(5)", "alike.ten(5)", "alike.one(5), alike.ten(5)")
+    ]  # fmt: skip
+    assert done == ["8", "80", "8 80"]
+
+
 def test_kernels_run_where_nothing_can_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
     assert kernel()(lambda x: x + 1)(6) == 7
