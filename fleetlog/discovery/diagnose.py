@@ -16,6 +16,7 @@ from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import COLUMNS, Fleet, absences, read_fleet
 from fleetlog.discovery.recording.sensors import Fault, examine
 from fleetlog.discovery.recording.splits import Kind, Split, make_split, passed_once
+from fleetlog.discovery.report import words
 from fleetlog.discovery.report.finding import Verdict
 from fleetlog.discovery.report.others import of_fault
 from fleetlog.discovery.settings import SETTINGS, Settings
@@ -111,12 +112,15 @@ def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault])
 
 
 def _hidden(e: Explained) -> list[str]:
-    """What a channel hides. No travel time is known better than by the profile's own error."""
-    channel, settings = e.problem.channel, e.problem.settings
-    if channel.model_error <= max(settings.material, settings.profile_error):
-        return channel.notes
-    least = f"{channel.name}: the time between rows hides what changes it by less than "
-    return [*channel.notes, least + percent(channel.model_error)]
+    """What a channel hides, and what is slight. No travel time is known better than the profile is right."""
+    channel, settings, notes = e.problem.channel, e.problem.settings, list(e.problem.channel.notes)
+    if channel.model_error > max(settings.material, settings.profile_error):
+        least = f"{channel.name}: the time between rows hides what changes it by less than "
+        notes.append(least + percent(channel.model_error))
+    if e.slight is not None:
+        h, share = e.slight
+        notes.append(f"{channel.name}: {words.slight(h.term, h.depends_on, share, settings.material)}")
+    return notes
 
 
 def check(**names: Sequence[str]) -> None:

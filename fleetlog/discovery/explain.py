@@ -40,6 +40,7 @@ class Explained:
     fields: dict[str, Values]
     numbers: dict[Knob, Parameter]
     unexplained: bool
+    slight: tuple[Hypothesis, float] | None = None  # What is no finding as it moves no more than this share
 
 
 @dataclass
@@ -128,7 +129,9 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
          "value": n.value, "low": n.low, "high": n.high, "unit": n.unit}
         for k, n in numbers.items() if k not in taken and k in final.model.at
     ]  # fmt: skip
-    return Explained(problem, before.model, after, fit, order, small, values, numbers, unexplained)
+    return Explained(
+        problem, before.model, after, fit, order, small, values, numbers, unexplained, found.slight
+    )
 
 
 def _on_all(asked: Task, joint: Joint, kept: Sequence[Hypothesis]) -> Joint:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -74,6 +75,18 @@ def judged(dataset: Dataset | Seen) -> Diagnosis:
 @pytest.fixture(scope="module")
 def found(recorded: Dataset) -> Diagnosis:
     return judged(recorded)
+
+
+def test_what_is_more_than_chance_but_moves_too_little_is_no_finding_and_is_said(tmp_path: Path) -> None:
+    save_physics(tmp_path, Physics(TRUCK, {"copper_loss": {"k": 1.4e-5}}))
+    fleetlog.simulate(
+        site=SAMPLE / "site.toml", truck=SAMPLE / "truck.toml", vehicles=3, duration="1h", seed=4, rate=5.0,
+        physics=tmp_path / "model.toml", recording=False, output=tmp_path / "day",
+    )  # fmt: skip
+    d = diagnose(Dataset(tmp_path / "day"), TRUCK, channels=("battery_power",))
+    assert (d.verdict.word, d.verdict.findings) == ("none", [])
+    said = [n for n in d.verdict.notes if "more than chance" in n]
+    assert len(said) == 1 and re.match(r"battery_power: copper_loss .* only 1\.\d % .* begin at 2 %", said[0])
 
 
 def told(d: Diagnosis) -> list[tuple[object, ...]]:

@@ -8,6 +8,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from fleetlog.core.words import percent
 from fleetlog.discovery.model import Scope
 from fleetlog.discovery.report.finding import Finding, Parameter
 from fleetlog.physics.power import all_terms
@@ -93,9 +94,18 @@ def advice(f: Finding) -> str:
 
 def unknown(depends_on: Sequence[str], where: dict[str, Any] | None) -> str:
     """Return the sentence of a mismatch that no term explains."""
-    what = " and ".join(s for s in (VARIABLES.get(d, d.replace("_", " ")) for d in depends_on) if s)
     at = f", mostly {place(where)}" if where else ""
-    return f"A mismatch that no known term explains depends on {what}{at}"
+    return f"A mismatch that no known term explains depends on {_named(depends_on)}{at}"
+
+
+def slight(term: str | None, depends_on: Sequence[str], share: float, least: float) -> str:
+    """Return the sentence of an effect that is no finding, since it moves less than the least share."""
+    what, moved = term or f"what depends on {_named(depends_on)}", f"{100.0 * share:.1f} % where it acts"
+    return f"{what} is more than chance, but moves only {moved}; findings begin at {percent(least)}"
+
+
+def _named(depends_on: Sequence[str]) -> str:
+    return " and ".join(s for s in (VARIABLES.get(d, d.replace("_", " ")) for d in depends_on) if s)
 
 
 def onward(f: Finding, name: Callable[[str], str] = str) -> str:

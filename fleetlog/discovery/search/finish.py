@@ -27,6 +27,7 @@ class Search:
     rivals: dict[Hypothesis, list[Rival]] = field(default_factory=dict)
     best_untold: Hypothesis | None = None
     near: Chosen = ()  # What gained no less than a share of the best in the last step
+    slight: tuple[Hypothesis, float] | None = None  # What was not added as it moves no more than this share
 
 
 def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> bool:

@@ -38,6 +38,7 @@ def search(problem: Problem, nominal: Model) -> Search:
 
 def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint | None]:
     """Return the model as it fits best, and with the best of some added, None where none is worth it."""
+    found.slight = None
     sums = problem.sums(found.joint.model, list(dict.fromkeys([*rest, *found.joint.chosen])))
     now = tuned(problem, sums, found.joint.model, found.joint.chosen)
     screened = screen(problem, sums, now, _candidates(problem, sums, now, rest))
@@ -79,8 +80,11 @@ def _best(
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
     tried = [_no_better_than(problem, sums, now, j, tried, slow) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
-    counting = _counting(problem, sums, now, ranked, rivals)
+    slight: list[tuple[Joint, Size]] = []
+    counting = _counting(problem, sums, now, ranked, rivals, slight)
     first = next(counting, None)
+    small = [(j.chosen[-1], size) for j, size in slight]
+    found.slight = next(((h, s.share) for h, s in small if _counts(problem, h, s, 0.0)), found.slight)
     if first is not None and first.chosen[-1].term is None:
         # What the names say of places goes first: free time by place takes up all of it, and what no name
         # says.  Elsewhere one goes first of two that the model's own error may exchange for the curve.
@@ -115,10 +119,12 @@ def _of_two(problem: Problem, name: Joint) -> Joint:
 
 
 def _counting(
-    problem: Problem, sums: Sums, now: Joint, ranked: list[Joint], rivals: list[Hypothesis]
-) -> Iterator[Joint]:
-    """Yield what may be added to the model, in the order in which it may; ``rivals`` may not."""
-    worth, slight = [j for j in ranked if j.chosen[-1] not in rivals], list[Joint]()
+    problem: Problem, sums: Sums, now: Joint, ranked: list[Joint], rivals: list[Hypothesis],
+    slight: list[tuple[Joint, Size]],
+) -> Iterator[Joint]:  # fmt: skip
+    """Yield what may be added to the model, in the order in which it may; ``rivals`` may not. What does not
+    count goes to ``slight``."""
+    worth = [j for j in ranked if j.chosen[-1] not in rivals]
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
@@ -131,12 +137,14 @@ def _counting(
             _follows(problem, sums, now, joint, o) for o in ranked
         ):
             continue
-        if _counts(problem, joint.chosen[-1], size_of(problem, now, joint)):
-            # What is too slight as a name says it is no more as free values by place, which say it less well.
-            if not (joint.chosen[-1].places and any(o.score < joint.score for o in slight)):
-                yield joint
-        elif joint.chosen[-1].placed:
-            slight.append(joint)
+        size = size_of(problem, now, joint)
+        if not _counts(problem, joint.chosen[-1], size, problem.settings.material):
+            slight.append((joint, size))
+            continue
+        # What is too slight as a name says it is no more as free values by place, which say it less well.
+        named = [o for o, _ in slight if o.chosen[-1].placed]
+        if not (joint.chosen[-1].places and any(o.score < joint.score for o in named)):
+            yield joint
 
 
 def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Joint) -> bool:
@@ -311,11 +319,11 @@ def _at_junctions(problem: Problem, now: Joint, joint: Joint) -> bool:
     return bool(rest < problem.channel.place_error)
 
 
-def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
+def _counts(problem: Problem, h: Hypothesis, size: Size, material: float) -> bool:
     """Whether an effect is material, and beyond the model's own error by what unseen trips confirm of it."""
     if h.placed:
         return size.verified >= problem.channel.place_error
-    material, own = problem.settings.material, problem.channel.model_error
+    own = problem.channel.model_error
     if not h.knobs:
         return size.share >= max(material, own) and size.verified >= own
     # Tolerances may say most of a number, so that unseen trips confirm a small part of a large effect; of a
