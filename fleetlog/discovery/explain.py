@@ -9,9 +9,10 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.core.words import percent
 from fleetlog.discovery.channels.base import Channel
+from fleetlog.discovery.hypotheses.cells import LARGE
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses, scanned
 from fleetlog.discovery.hypotheses.sources import UNIT
-from fleetlog.discovery.model import Knob, Model
+from fleetlog.discovery.model import Knob, Model, Scope
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.report import fields, others, words
 from fleetlog.discovery.report.fields import Values
@@ -109,9 +110,9 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     findings = []
     for h in told:
         where, parameters = _where(problem, found, h, values, numbers, beside)
-        when = _classes(problem, beside[h]) if h in beside else _when(h)
+        when, scope = (_when(h), h.scope) if h not in beside else _classes(problem, beside[h])
         own = judged.get(h, Errors(fit.metric, fit.before, fit.after, fit.p_value))
-        findings.append(_finding(problem, found, h, where, when, parameters, own))
+        findings.append(_finding(problem, found, h, where, when, scope, parameters, own))
     after = final.model
     lost = channel.lost(after)
     if lost is not None and others.counts(lost, settings):
@@ -209,10 +210,10 @@ def _values(problem: Problem, joint: Joint, known: Floats, h: Hypothesis) -> Val
 
 def _finding(
     problem: Problem, found: Search, h: Hypothesis, where: dict[str, Any] | None, when: dict[str, Any] | None,
-    parameters: list[Parameter], own: Errors,
+    whose: Scope, parameters: list[Parameter], own: Errors,
 ) -> Finding:  # fmt: skip
     channel, term = problem.channel, h.physics
-    scope = words.scope(h.scope, channel.fleet.vehicles)
+    scope = words.scope(whose, channel.fleet.vehicles)
     rivals = _open(found, h)
     # The share of the finding's gain that each rival reached, on the trips of the search
     others = [
@@ -220,7 +221,9 @@ def _finding(
          "held_out_gain": None if own.gain is None else own.gain * r.share}
         for r in found.rivals.get(h.kind, [])[:6]
     ]  # fmt: skip
-    text = words.statement(term, parameters, where, scope) if term else words.unknown(h.depends_on, where)
+    drag = h.curve is not None and h.curve.mode == "drag"
+    unknown = words.unknown(h.depends_on, where, scope, drag)
+    text = words.statement(term, parameters, where, scope) if term else unknown
     return Finding(
         h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on),
         where, when, scope, parameters, own.evidence(others), own.fit, own.gain or 0.0,
@@ -260,14 +263,18 @@ def _when(h: Hypothesis) -> dict[str, Any] | None:
     return {f"{variable}_threshold": value for variable, value in set_at.items() if variable} or None
 
 
-def _classes(problem: Problem, beside: Joint) -> dict[str, Any] | None:
-    """What each trip has of its own, with its interval: a share of the weight (force), or watts (power)."""
+def _classes(problem: Problem, beside: Joint) -> tuple[dict[str, Any] | None, Scope]:
+    """What each trip has of its own, with its interval: a share of the weight (force), or watts (power); and
+    the vehicles that stand out where each has a value, all if most do."""
     h = beside.chosen[-1]
-    if h.curve is None or not h.curve.classes:
-        return None
+    by_vehicle = h.curve is not None and h.curve.variables == ("vehicle_id",)
+    if h.curve is None or not (h.curve.classes or by_vehicle):
+        return None, h.scope
     own = [i for i, a in enumerate(beside.design.atoms) if a.owner == h]
-    unit, error = UNIT[h.curve.mode], errors(covariance(problem, beside))[own]
-    ends = np.array([-1.0, 1.0]) * NORMAL * error[:, None]
-    rows = zip(h.curve.classes, unit * beside.fitted.beta[own], unit * ends, strict=True)
-    trips = {name: [float(v), float(v + low), float(v + high)] for name, v, (low, high) in rows}
-    return {"trips": trips, "unit": "1" if h.curve.mode in ("force", "drive") else "W"}
+    value, half = beside.fitted.beta[own], NORMAL * errors(covariance(problem, beside))[own]
+    if by_vehicle:
+        odd = np.flatnonzero(np.abs(value) > np.maximum(half, LARGE * np.abs(value).max()))
+        return None, h.scope if 2 * len(odd) > len(value) else Scope(tuple(odd.tolist()))
+    each = UNIT[h.curve.mode] * np.stack([value, value - half, value + half], axis=1)
+    trips = dict(zip(h.curve.classes, each.tolist(), strict=True))
+    return {"trips": trips, "unit": "1" if h.curve.mode in ("force", "drive") else "W"}, h.scope

@@ -54,6 +54,11 @@ def _whom(scope: dict[str, Any]) -> str:
     return f"{text[:1].upper()}{text[1:]}: " if text else ""
 
 
+def _of(scope: dict[str, Any] | None, text: str) -> str:
+    whom = _whom(scope) if scope else ""
+    return f"{whom}{text[:1].lower()}{text[1:]}" if whom else text
+
+
 def _said(moment: str) -> str:
     t = datetime.fromisoformat(moment)
     return f"{t.day} {t:%B %Y, %H:%M} UTC"
@@ -78,8 +83,7 @@ def statement(
         at = f" {place(where)}" if where else ""
         text = f"{term.statement[:1].upper()}{term.statement[1:]}{at}: {numbers}"
     text = re.sub(r"(?<=\d)%", " %", text)
-    whom = _whom(scope) if scope else ""
-    return f"{whom}{text[:1].lower()}{text[1:]}" if whom else text
+    return _of(scope, text)
 
 
 def advice(f: Finding) -> str:
@@ -92,10 +96,14 @@ def advice(f: Finding) -> str:
     return ". ".join(parts) or "Compare the trucks, places and hours that it follows"
 
 
-def unknown(depends_on: Sequence[str], where: dict[str, Any] | None) -> str:
-    """Return the sentence of a mismatch that no term explains."""
+def unknown(
+    depends_on: Sequence[str], where: dict[str, Any] | None, scope: dict[str, Any] | None, drag: bool = False
+) -> str:  # fmt: skip
+    """Return the sentence of a mismatch that no term explains; of one that is a ``drag`` of some trucks."""
+    if drag and scope and scope["vehicles"]:
+        return _of(scope, "A force acts whatever the load, as of a dragging brake; no known term explains it")
     at = f", mostly {place(where)}" if where else ""
-    return f"A mismatch that no known term explains depends on {_named(depends_on)}{at}"
+    return _of(scope, f"A mismatch that no known term explains depends on {_named(depends_on)}{at}")
 
 
 def slight(term: str | None, depends_on: Sequence[str], share: float, least: float) -> str:
