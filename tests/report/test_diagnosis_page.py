@@ -9,7 +9,7 @@ import pytest
 
 from fleetlog.discovery.report.finding import Finding, Parameter
 from fleetlog.discovery.report.output import _finding
-from fleetlog.discovery.report.words import onward, statement
+from fleetlog.discovery.report.words import onward, statement, unknown
 from fleetlog.physics.power import all_terms
 from fleetlog.report.diagnosis import _ranking, _todo
 
@@ -46,6 +46,16 @@ def test_a_statement_is_one_sentence_that_leaves_advice_to_the_term_and_writes_p
 
 def test_the_terminal_says_what_to_do() -> None:
     assert _finding(WORN)[1] == f"    What to do: {all_terms()['surface_resistance'].advice}."
+
+
+def test_an_odd_truck_is_named_and_is_to_be_compared_with_the_others() -> None:
+    scope = {**SCOPE, "vehicles": ["T1"]}
+    for drag in (False, True):
+        said = unknown(["vehicle_id"], None, scope, drag)
+        assert said.startswith("Truck T1: a ") and ("dragging brake" in said) == drag
+    odd = replace(WORN, term="unknown", scope=scope, where=None, needs="record more")
+    assert "other trucks" in _finding(odd)[1] and _finding(odd)[2] == "    To go on: record more."
+    assert "depends on" in unknown(["vehicle_id"], None, SCOPE, True)
 
 
 def test_what_unseen_trips_speak_against_is_said_to_be_unconfirmed() -> None:
