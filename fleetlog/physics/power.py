@@ -129,7 +129,7 @@ class Physics:
     @property
     def waits(self) -> list[Field]:
         """Where trucks stand, of every term that acts so."""
-        return [self.fields[t.name] for t in self.active if t.acts == "wait" and t.name in self.fields]
+        return [self.fields[t.name] for t in self.active if t.waits and t.name in self.fields]
 
     def values_along(self, term: Term, motion: Motion) -> Values:
         """The values of a term's parameters, its field looked up along the motion."""

@@ -118,6 +118,11 @@ class Term:
     needs: str = ""  # What recording shows this effect apart from others; an imperative clause
     advice: str = ""  # What to do about it in the plant; imperative, without a full stop
 
+    @property
+    def waits(self) -> bool:
+        """Whether it is time that vehicles stand still; what is told of it may well lie beside a junction."""
+        return self.acts == "wait"
+
     @cached_property
     def by_name(self) -> dict[str, Parameter]:
         """Parameters by name."""

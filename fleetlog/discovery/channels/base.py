@@ -238,7 +238,7 @@ class Channel(ABC):
         if (name := term.name if term else None) not in self._passes:
             cells = self.cells(term)
             count, entered, metres = np.sum(list(self.each(partial(_touched, cells))), axis=0)
-            if isinstance(cells, Stretches) and not (term and term.acts == "wait"):
+            if isinstance(cells, Stretches) and not (term and term.waits):
                 count *= metres > 0.5 * entered * (cells.end - cells.start)
             self._passes[name] = count.astype(np.int64)
         return self._passes[name]

@@ -66,7 +66,7 @@ class TravelAbout(About):
     def columns(self, sources: Sequence[sources.Source]) -> Columns:
         """Return the columns of sources, (W, P): where only the standing counts, waits alone."""
         out, terms = super().columns(sources), [getattr(s, "physics", None) for s in sources]
-        waits = [t is not None and t.acts == "wait" for t in terms]
+        waits = [t is not None and t.waits for t in terms]
         out[np.ix_(self.own.apart, ~np.repeat(waits, [self.channel.width(s) for s in sources]))] = 0.0
         return out
 
@@ -101,7 +101,7 @@ class TravelAbout(About):
         place: Index | Ints = cells.at(self.own.motion)[0]
         if term is None:
             slope = UNIT["time"] * self.seconds
-        elif term.acts == "wait":
+        elif term.waits:
             place = self.channel.waits.place[place]
             slope = self._shared(source.scope, np.asarray(self.own.share, float))
         else:
@@ -213,7 +213,7 @@ class TravelChannel(Channel):
     def _waits(self, path: Path, model: Model) -> Floats:
         total = np.zeros(len(path.s))
         for name, deviation in model.fields.items():
-            if all_terms()[name].acts == "wait":
+            if all_terms()[name].waits:
                 m = path.motion
                 there = model.share(name, int(m.vehicle[0]), m.time)
                 total += np.maximum(deviation, 0.0)[self.waits.at(path)] * path.share * there

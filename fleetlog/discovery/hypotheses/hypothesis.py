@@ -77,6 +77,11 @@ class Hypothesis:
         return all_terms()[self.term] if self.term else None
 
     @property
+    def waits(self) -> bool:
+        """Whether it is time that vehicles stand still."""
+        return bool(self.physics and self.physics.waits)
+
+    @property
     def scope(self) -> Scope:
         """Whom and when it is about."""
         return self.knobs[0].scope if self.knobs else self.when

@@ -136,7 +136,7 @@ def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> Pass | None:
 def _as_unladen(passes: dict[Way, list[Pass]]) -> dict[Way, list[Pass]]:
     """Passages with the speeds of trucks without a load: what a load changes is the model's to explain, and
     no way's own. Ways crossed with and without one tell how much that is, of bends and of the rest."""
-    bends = {way: abs(np.median([p.turned.sum() for p in own])) >= BEND for way, own in passes.items()}
+    bends = {way: abs(_angle(own)) >= BEND for way, own in passes.items()}
     ratios: dict[bool, list[float]] = {False: [], True: []}
     for way, own in passes.items():
         empty, laden = (
@@ -152,9 +152,13 @@ def _as_unladen(passes: dict[Way, list[Pass]]) -> dict[Way, list[Pass]]:
     return {way: [unladen(p, change[bends[way]]) for p in own] for way, own in passes.items()}
 
 
+def _angle(passes: list[Pass]) -> float:
+    return float(np.median([p.turned.sum() for p in passes]))
+
+
 def _turn(passes: list[Pass], truck: Truck) -> Turn:
     """What passages have in common."""
-    angle = float(np.median([p.turned.sum() for p in passes]))
+    angle = _angle(passes)
     free, curvature = (float(np.median([getattr(p, n) for p in passes])) for n in ("free", "curvature"))
     profile, driven = np.stack([p.profile for p in passes]), np.full(len(PLACES), np.nan)
     seen = np.isfinite(profile).sum(axis=0) >= FEWEST

@@ -60,7 +60,7 @@ def told(cells: Cells, v: Values, h: Hypothesis) -> tuple[dict[str, Any] | None,
         way = v.deviation.reshape(-1, 2)
         v = v.along(way / np.maximum(np.hypot(*way.T), 1e-12)[:, None])
     mask = large(v)
-    if isinstance(cells, Stretches) and not (h.physics and h.physics.acts == "wait"):
+    if isinstance(cells, Stretches) and not h.waits:
         # Where trucks leave one road for the next, what is told may be of either.
         inner = cells.inner(mask, np.sign(v.deviation), REACH)
         mask = inner if inner.any() else mask
@@ -89,7 +89,7 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
     weight = np.maximum(v.samples[mask], 1).astype(float)
     mean = float(np.average(own, weights=weight))
     error = float((spread @ (weight / weight.sum())).std())
-    if isinstance(cells, Stretches) and term.acts == "wait":
+    if isinstance(cells, Stretches) and term.waits:
         # Seconds add up along a passage: the longest wait is that of the worst run of cells.
         worst = max(cells.runs(mask, np.sign(v.deviation)), key=lambda r: float(v.deviation[r].sum()))
         mean = float(v.deviation[worst].sum())
@@ -111,7 +111,7 @@ def row(cells: Stretches, run: Indices, value: float, low: float, high: float) -
 
 
 def _merged(cells: Stretches, v: Values, mask: Mask, term: Term | None) -> list[dict[str, Any]]:
-    first, waits = (term.parameters[0], term.acts == "wait") if term else (FREE, False)
+    first, waits = (term.parameters[0], term.waits) if term else (FREE, False)
     zero = first.scaled(first.neutral)
     out = []
     for c in cells.runs(mask, np.sign(v.deviation), bridged=True):

@@ -205,7 +205,7 @@ def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells:
     material = max(problem.settings.material, problem.channel.place_error) ** 2 * sums.energy
     plausible = h.physics.parameters[0].plausible
     # What is near a junction alone is not told from how the junction is crossed; but waits are often there.
-    near = 0.0 if h.physics.acts == "wait" else REACH
+    near = 0.0 if h.waits else REACH
     found: list[Pattern] = []
     while len(found) < MOST_PATTERNS:
         best, first, last = max(
@@ -246,8 +246,8 @@ def _best(
     close = int(near // ((cells.end[last - 1] - cells.start[first]) / n))
     at_begin, at_end = (i == 0) & (j < n), (j == n) & (i > 0)
     a, b = np.where(at_end, np.maximum(i, n - close), i), np.where(at_begin, np.minimum(j, close), j)
-    beside = np.where(at_begin | at_end, gain[a, b], 0.0) if close else 0.0
-    told = np.where(gain[i, j] > beside, gain[i, j], 0.0)
+    near_end = np.where(at_begin | at_end, gain[a, b], 0.0) if close else 0.0
+    told = np.where(gain[i, j] > near_end, gain[i, j], 0.0)
     # Of runs that say the same the shortest: cells that nothing touches belong to none.
     k = int(np.argmax(told - 1e-6 * told.max() * (j - i)))
     return float(told[k]), first + int(i[k]), first + int(j[k])

@@ -50,7 +50,7 @@ def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint |
     worth = [s for s in screened if _significant(problem, now, s)]
     better = _best(problem, sums, now, found, screened, worth)
     # What gains most may be spread thinly over the site, and not count; waits gain less, at few places.
-    waits = [s for s in worth if s.hypothesis.physics is not None and s.hypothesis.physics.acts == "wait"]
+    waits = [s for s in worth if s.hypothesis.waits]
     better = better or (_best(problem, sums, now, found, screened, waits) if waits else None)
     return now, better or _at_times(problem, now, found)
 
@@ -303,16 +303,16 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
 def _at_junctions(problem: Problem, now: Joint, joint: Joint) -> bool:
     """Whether a field stands out mostly beside junctions, as no pattern may, and the rest does not count:
     there it is not told from how they are crossed, nor from where within them another effect begins."""
-    term = joint.chosen[-1].physics if joint.chosen[-1].field else None
-    cells = problem.channel.cells(term) if term is not None and term.acts != "wait" else None
+    h, term = joint.chosen[-1], joint.chosen[-1].physics
+    cells = problem.channel.cells(term) if term is not None and h.field and not h.waits else None
     if term is None or not isinstance(cells, Stretches):
         return False
     passes = problem.channel.passes(term)
     deviation = np.where(passes > 0, joint.model.fields[term.name], 0.0)
     large = np.abs(deviation) >= LARGE * np.abs(deviation).max(initial=0.0)
     weight = passes * deviation**2 * large
-    share = 1.0 - weight[cells.inner(large, np.sign(deviation), REACH)].sum() / max(weight.sum(), 1e-12)
-    rest = size_of(problem, now, joint).verified * np.sqrt(1.0 - share) if share > OWN else np.inf
+    kept = weight[cells.inner(large, np.sign(deviation), REACH)].sum() / max(float(weight.sum()), 1e-12)
+    rest = size_of(problem, now, joint).verified * np.sqrt(kept) if kept < OWN else np.inf
     return bool(rest < problem.channel.place_error)
 
 
