@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,9 @@ from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.physics.motion.rows import elsewhere, metres_driven
 from fleetlog.physics.power import Physics, all_terms, battery_power
 from fleetlog.physics.term import Term
+from fleetlog.store.trips import STANDING_SPEED
 
+FINE = 1.0  # Step of the shifts that are tried, at most [s]: trucks start and brake within seconds
 LONGEST = 40.0  # Largest shift that is tried [s]: clocks of two loggers that are set by hand
 ALIKE = 0.01
 """Correlations this close to the best are as good: work that repeats itself matches at many shifts."""
@@ -192,11 +195,11 @@ def _best_shift(block: Block, power: Floats, piece: slice, train: Mask, step: fl
         at, half = clock[::every] - shift, 0.5 * min(step, 1.0)
         return alike(at - half, at + half, power_then[::every])
 
-    coarse = np.arange(-LONGEST, LONGEST + 0.1, max(step, 0.5))
+    wide = min(max(step, 0.5), FINE)
+    coarse = np.arange(-LONGEST, LONGEST + 0.1, wide)
     scores = np.array([shifted(s, len(clock) // MANY + 1) for s in coarse])
     good = np.flatnonzero(scores >= scores.max() - ALIKE)
     best = float(coarse[good[np.argmin(np.abs(coarse[good]))]])
-    wide = max(step, 0.5)
     for nearby in (best - wide, best + wide):
         best = nearby if shifted(nearby) > shifted(best) else best
     near = best + wide * np.linspace(-0.8, 0.8, 9)
@@ -235,47 +238,65 @@ def _missed(fleet: Fleet, together: bool, date: int) -> float:
 
 def _speed_scale(fleet: Fleet, split: Split, term: Term) -> Fault | None:
     """What the speed channel reads over the true speed; None where no vehicle's is off."""
-    pairs: dict[int, list[tuple[float, float]]] = {}
-    for vehicle, pair in itertools.chain.from_iterable(fleet.each(partial(_pairs, fleet, split))):
-        pairs.setdefault(vehicle, []).append(pair)
-    found = {v: _ratio(np.array(p)) for v, p in pairs.items() if len(p) >= FEWEST}
-    # Between rows seconds apart trucks cut the bends of the map, which then looks like a low speed.
-    off = _off(found, 1.0, 1.5 * term.parameters[0].tolerance * max(1.0, 0.5 * fleet.step))
+    ways: dict[int, list[_Way]] = {}
+    for vehicle, way in itertools.chain.from_iterable(fleet.each(partial(_ways, fleet, split))):
+        ways.setdefault(vehicle, []).append(way)
+    found = {v: _ratio(np.array(w)) for v, w in ways.items() if len(w) >= FEWEST}
+    # How trucks drive between rows is alike in all of them, and so is what the integral misses of it.
+    missed = float(np.sqrt(np.mean([m**2 for _, _, m in found.values()]))) if found else 0.0
+    errors = {v: (ratio, float(np.hypot(error, missed))) for v, (ratio, error, _) in found.items()}
+    off = _off(errors, 1.0, 1.5 * term.parameters[0].tolerance)
     if off is None:
         return None
     return Fault(term.name, "speed", "deviation of travelled distance", off, abs(off.value - 1.0), off.error)
 
 
-def _pairs(fleet: Fleet, split: Split, date: int) -> list[tuple[int, tuple[float, float]]]:
-    """Vehicles with ways by their speed and by their places, of a date."""
+class _Way(NamedTuple):
+    """A way by its speed, by its places, and by the speed of every second row [m]."""
+
+    driven: float
+    gone: float
+    sparsely: float
+
+
+def _ways(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Way]]:
+    """Vehicles with ways of a date."""
     out = []
     for _, day in fleet.on(date):
         if day.vehicle in fleet.speed_from_positions | fleet.rarely_placed or "x" not in day.known:
             continue
         t = day.load()
-        time = np.asarray(t.time * 1e-6, dtype=np.float64)
+        time, speed = np.asarray(t.time * 1e-6, dtype=np.float64), np.nan_to_num(t.floats("speed"))
         fold = split.rows(t.trip_ids() + TRIP * day.vehicle, time, day.vehicle, date)
+        travelled = metres_driven(t.seconds(), speed)
         on_map = fleet.network is not None and "edge_id" in day.known
-        looked = _edge_pairs(t, fleet) if on_map else _chord_pairs(t)
-        out += [(day.vehicle, (d, g)) for row, d, g in looked if fold[row] != HELD_OUT]
+        for a, b, gone in _on_edges(t, fleet) if on_map else _on_chords(t, travelled):
+            # Noise about a standstill adds up to metres, and says nothing of how speed is scaled.
+            if fold[a] != HELD_OUT and speed[a : b + 1].min() > STANDING_SPEED:
+                few = np.append(np.arange(a, b, 2), b)
+                sparsely = float(metres_driven(time[few], speed[few])[-1])
+                out.append((day.vehicle, _Way(float(travelled[b] - travelled[a]), gone, sparsely)))
     return out
 
 
-def _ratio(pairs: Floats) -> tuple[float, float]:
-    driven, gone = pairs.T
+def _ratio(ways: Floats) -> tuple[float, float, float]:
+    """By how much the speed is off, the error of that, and what rows are too sparse to tell: integrals by
+    trapezoids miss four times as much over steps twice as long."""
+    driven, gone, sparsely = ways.T
     ratio = driven / gone
     good = np.abs(ratio - np.median(ratio)) < MISMATCHED
-    value = float(driven[good].sum() / gone[good].sum())
-    return value, float(np.sqrt(((driven - value * gone)[good] ** 2).sum()) / gone[good].sum()) + 0.001
+    whole = float(gone[good].sum())
+    value = float(driven[good].sum()) / whole
+    error = float(np.sqrt(((driven - value * gone)[good] ** 2).sum())) / whole + 0.001
+    return value, error, float((sparsely - driven)[good].sum()) / (3.0 * whole)
 
 
-def _edge_pairs(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, float, float]]:
-    """Yield row, integrated speed and progress [m] of every traversal of the middle of an edge."""
+def _on_edges(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, int, float]]:
+    """Yield first row, last row and progress [m] of every traversal of the middle of an edge."""
     assert fleet.network is not None
     network = fleet.network
     edge = trajectory.labels("edge_id").recode(network.index)
     offset, time = trajectory.floats("edge_offset"), trajectory.seconds()
-    travelled = metres_driven(time, np.nan_to_num(trajectory.floats("speed")))
     length = network.length[np.maximum(edge, 0)]
     inside = (edge >= 0) & (offset > END) & (offset < length - END) & np.isfinite(offset)
     begin = np.flatnonzero(np.concatenate([[True], np.diff(edge) != 0]))
@@ -285,15 +306,14 @@ def _edge_pairs(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, flo
             continue
         gone = float(offset[rows[-1]] - offset[rows[0]])
         if gone > SHORTEST:
-            yield int(rows[0]), float(travelled[rows[-1]] - travelled[rows[0]]), gone
+            yield int(rows[0]), int(rows[-1]), gone
 
 
-def _chord_pairs(trajectory: Trajectory) -> Iterator[tuple[int, float, float]]:
-    """Yield row, integrated speed and chord [m] of straight runs, for logs without a map: of longer ones some
+def _on_chords(trajectory: Trajectory, travelled: Floats) -> Iterator[tuple[int, int, float]]:
+    """Yield first row, last row and chord [m] of straight runs, for logs without a map: of longer ones some
     that look straight by their middle bend to and fro."""
     x, y = trajectory.floats("x"), trajectory.floats("y")
     rows = np.flatnonzero(elsewhere(x, y) & np.isfinite(x))
-    travelled = metres_driven(trajectory.seconds(), np.nan_to_num(trajectory.floats("speed")))
     if len(rows) < 50:
         return
     s = travelled[rows]
@@ -304,5 +324,5 @@ def _chord_pairs(trajectory: Trajectory) -> Iterator[tuple[int, float, float]]:
         chord = float(np.hypot(x[b] - x[a], y[b] - y[a]))
         halves = float(np.hypot(x[m] - x[a], y[m] - y[a]) + np.hypot(x[b] - x[m], y[b] - y[m]))
         if chord > 0.5 * reach and halves < 1.002 * chord:
-            yield int(a), float(s[j] - s[i]), chord
+            yield int(a), int(b), chord
         i = j

@@ -20,6 +20,7 @@ SLIGHT = 0.3  # A smaller angle is a kink of a curve, which limits no corner bes
 SHARPEST = 3.0  # A sharper angle is a turn on the spot, not a bend [rad]
 MOST_ALONG = 10.0  # A position farther along the edge from its place there does not correct it [m]
 BACK = 5.0  # A match may go back so far on its edge without leaving it [m]
+NEAR_CENTRE = 0.3  # Nearer to the centre of an arc, in radii, the angle about it is noise
 HELD = 0.2  # Below this speed noisy positions have no direction: the last one holds [m/s]
 
 
@@ -47,6 +48,52 @@ class Bends(NamedTuple):
     knots: Floats
     turned: Floats
     driven: Floats
+
+
+class Arcs(NamedTuple):
+    """The corners that are rounded, (C,) each, in order."""
+
+    where: Floats  # Map coordinate [m]
+    angle: Floats  # [rad], left positive
+    reach: Floats  # From the corner to either end of the arc [m]
+    vertex: Ints  # Number of the point of the network
+
+    @property
+    def size(self) -> Floats:
+        """The angle that is driven [rad]."""
+        return np.minimum(np.abs(self.angle), 2.8)
+
+    def bends(self) -> Bends:
+        """Return what they turn, and the way driven."""
+        size, reach = self.size, self.reach
+        if not len(size):
+            return STRAIGHT
+        saved = 1.0 - np.maximum(0.5 * size / np.tan(0.5 * size), 0.4)
+        ends = self.where - reach, self.where + reach
+        knots, turned, lost = _ramps(*ends, self.angle / (2.0 * reach), saved)
+        return Bends(knots, turned, np.maximum.accumulate(knots - np.minimum(lost, knots - knots[0])))
+
+    def placed(self, network: Network, place: Floats, x: Floats, y: Floats) -> Floats:
+        """(N,) map coordinates of trucks at (x, y), near ``place``, that are in a sharp corner, else NaN: by
+        the angle that they have turned about its centre, as they go along neither of its roads."""
+        out, c = np.full(len(place), np.nan), Arcs._make(v[np.abs(self.angle) > SLIGHT] for v in self)
+        if not len(c.where):
+            return out
+        k = np.searchsorted(0.5 * (c.where[1:] + c.where[:-1]), place)
+        on = np.flatnonzero(np.abs(place - c.where[k]) < c.reach[k])
+        c, p = Arcs._make(v[k[on]] for v in c), network.points[:, :2]
+        corner, radius = p[c.vertex], c.reach / np.tan(0.5 * c.size)
+        ahead = corner - p[c.vertex - 1]
+        ahead /= np.hypot(*ahead.T)[:, None]
+        inward = np.sign(c.angle)[:, None] * np.column_stack([-ahead[:, 1], ahead[:, 0]])
+        beside = np.column_stack([x[on], y[on]]) - corner
+        along = (beside * ahead).sum(axis=1) + c.reach
+        across = radius - (beside * inward).sum(axis=1)
+        turned = np.arctan2(along, across) - 0.5 * c.size  # From the middle of the arc
+        turned = np.clip((turned + np.pi) % (2.0 * np.pi) - np.pi, -0.5 * c.size, 0.5 * c.size)
+        told = np.hypot(along, across) > NEAR_CENTRE * radius
+        out[on[told]] = (c.where + 2.0 * c.reach * turned / c.size)[told]
+        return out
 
 
 class Path(NamedTuple):
@@ -140,29 +187,27 @@ def follow(network: Network | None, rows: Rows, track: Track | None, radius: flo
             network.reverse, BACK, link, place, between, *room,
         )  # fmt: skip
         visits = Visits._make(v[:count] for v in room)
-        bends = _rounded(network, visits, np.sort(place[rows.rest & ~off]), radius)
+        arcs = _rounded(network, visits, np.sort(place[rows.rest & ~off]), radius)
+        bends = arcs.bends()
         _, _, ahead = shape = np.zeros((3, len(x)))
         on_edges(edge, offset, x, y, network.points, network.first, network.distance, shape)
         ahead[np.abs(ahead) > MOST_ALONG] = 0.0
+        turning = np.where(off, np.nan, arcs.placed(network, place + ahead, x, y))
+        place, ahead = np.where(np.isnan(turning), [place, ahead], [turning, np.zeros(len(x))])
     ahead = np.where(off, np.nan if track is None else track.ahead, ahead)
     return Path(_along(place, bends.knots, bends.driven) + ahead, link, visits, bends)
 
 
-def _rounded(network: Network, visits: Visits, stood: Floats, radius: float) -> Bends:
-    """The bends of all visits as arcs; a truck that ``stood`` (places in order) at a junction drove none."""
-    where, angle, leg, join = _vertices(network, visits)
-    size = np.minimum(np.abs(angle), 2.8)
+def _rounded(network: Network, visits: Visits, stood: Floats, radius: float) -> Arcs:
+    """The corners of all visits; a truck that ``stood`` (places in order) at a junction rounded none."""
+    every, leg, join = _vertices(network, visits)
+    size = every.size
     reach = np.maximum(radius * np.tan(size / 2.0), BOW / np.tan(np.maximum(size, 1e-6) / 4.0))
     reach = np.clip(reach, 0.02, np.maximum(0.499 * leg, 0.02))
-    near = np.maximum(reach, 1.0)
+    near, where, order = np.maximum(reach, 1.0), every.where, np.argsort(every.where, kind="stable")
     halted = join & (np.searchsorted(stood, where - near) < np.searchsorted(stood, where + near))
-    real = (np.abs(angle) > 1e-6) & (np.abs(angle) < SHARPEST) & ~halted
-    if not real.any():
-        return STRAIGHT
-    where, angle, size, reach = where[real], angle[real], size[real], reach[real]
-    saved = 1.0 - np.maximum(0.5 * size / np.tan(0.5 * size), 0.4)
-    knots, turned, lost = _ramps(where - reach, where + reach, angle / (2.0 * reach), saved)
-    return Bends(knots, turned, np.maximum.accumulate(knots - np.minimum(lost, knots - knots[0])))
+    real = (np.abs(every.angle) > 1e-6) & (np.abs(every.angle) < SHARPEST) & ~halted
+    return Arcs._make(v[order[real[order]]] for v in every._replace(reach=reach))
 
 
 def _ramps(begin: Floats, end: Floats, *rates: Floats) -> list[Floats]:
@@ -174,8 +219,8 @@ def _ramps(begin: Floats, end: Floats, *rates: Floats) -> list[Floats]:
     return [knots[order], *(np.cumsum(np.append(0.0, rate[:-1]) * span) for rate in now)]
 
 
-def _vertices(network: Network, v: Visits) -> tuple[Floats, Floats, Floats, Mask]:
-    """Map coordinate, angle [rad] and shorter leg [m] of every corner passed; whether between edges."""
+def _vertices(network: Network, v: Visits) -> tuple[Arcs, Floats, Mask]:
+    """Every corner passed, of no reach yet, its shorter leg [m], and whether it is between edges."""
     on = np.flatnonzero(v.edge >= 0)
     first, p, d = network.first, network.points, network.distance
     inner = np.maximum(np.diff(first)[v.edge[on]] - 2, 0)
@@ -200,7 +245,7 @@ def _vertices(network: Network, v: Visits) -> tuple[Floats, Floats, Floats, Mask
     sharp = order[np.abs(angle[order]) > SLIGHT]
     gap = np.diff(where[sharp], prepend=-np.inf, append=np.inf)
     leg[sharp] = np.minimum(room[sharp], np.minimum(gap[:-1], gap[1:]))
-    return where, angle, leg, np.arange(len(where)) >= len(k)
+    return Arcs(where, angle, leg, np.append(k, last)), leg, np.arange(len(where)) >= len(k)
 
 
 def by_second(t: Floats, seen: Floats, link: Codes) -> Floats:
