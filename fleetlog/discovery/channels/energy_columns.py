@@ -232,8 +232,8 @@ class EnergyAbout(About):
 
     @cached_property
     def _rounding(self) -> Floats:
-        """(n,) 1 W at rest, where the power is the same for long and so is what rounding it adds."""
-        return np.asarray((self.own.motion.speed == 0.0) & (self.own.motion.lift_speed == 0.0), float)
+        """(n,) 1 W at rest, forks going down: power is the same for long, and so is what rounding adds."""
+        return np.asarray((self.own.motion.speed == 0.0) & (self.own.motion.lift_speed <= 0.0), float)
 
     @cached_property
     def _ripple(self) -> Floats:

@@ -20,7 +20,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.recording.blocks import TRIP, Block
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.physics.motion.rows import elsewhere, metres_driven
+from fleetlog.physics.motion.rows import elsewhere, metres_driven, updates
 from fleetlog.physics.power import Physics, all_terms, battery_power
 from fleetlog.physics.term import Term
 from fleetlog.store.trips import STANDING_SPEED
@@ -298,7 +298,8 @@ def _on_edges(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, int, 
     edge = trajectory.labels("edge_id").recode(network.index)
     offset, time = trajectory.floats("edge_offset"), trajectory.seconds()
     length = network.length[np.maximum(edge, 0)]
-    inside = (edge >= 0) & (offset > END) & (offset < length - END) & np.isfinite(offset)
+    fresh = updates(time, trajectory.floats("x"), trajectory.floats("y"), trajectory.floats("speed"))
+    inside = fresh & (edge >= 0) & (offset > END) & (offset < length - END) & np.isfinite(offset)
     begin = np.flatnonzero(np.concatenate([[True], np.diff(edge) != 0]))
     for a, b in zip(begin, np.append(begin[1:], len(edge)), strict=True):
         rows = np.flatnonzero(inside[a:b]) + a

@@ -120,7 +120,7 @@ def stiff(gram: Floats, prior: Prior) -> Floats:
 
 def inverse(stiffened: Floats) -> Floats:
     """Return the inverse of (k, k) products; of those that rounding leaves not positive the general one."""
-    root, failed = lapack.dpotrf(stiffened)
+    root, failed = lapack.dpotrf(stiffened) if len(stiffened) else (stiffened, True)
     if failed:
         return np.asarray(np.linalg.inv(stiffened))
     upper = np.triu(lapack.dpotri(root)[0])
