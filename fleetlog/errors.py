@@ -25,7 +25,7 @@ class FleetlogError(Exception):
     """Base of everything that fleetlog raises on purpose.
 
     what : what is wrong, a clause without a full stop.
-    where : the file, and ``place`` in it (line, record, key), when there is one.
+    where : the file, and ``place`` in it (line, record, key), or the option, when there is one.
     do : what the reader should do about it."""
 
     def __init__(
@@ -68,10 +68,6 @@ class TruckError(InputError):
 
 class ArgumentError(FleetlogError, ValueError):
     """An argument of a function, or an option of a command, is wrong, or does not go with another one."""
-
-    def __init__(self, what: str, *, option: str | None = None, do: str | None = None) -> None:
-        self.option = option
-        super().__init__(what, where=option, do=do)
 
 
 class DataError(FleetlogError):

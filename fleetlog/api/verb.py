@@ -66,11 +66,11 @@ class Option:
 
     def _one(self, value: Any) -> Any:
         if self.choices and value not in self.choices:
-            raise ArgumentError(f"{value!r} is not one of {', '.join(self.choices)}", option=self.spelling)
+            raise ArgumentError(f"{value!r} is not one of {', '.join(self.choices)}", where=self.spelling)
         try:
             return self.check(value)
         except ValueError as error:
-            raise ArgumentError(str(error), option=self.spelling) from None
+            raise ArgumentError(str(error), where=self.spelling) from None
 
 
 def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> Option:

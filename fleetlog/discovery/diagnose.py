@@ -127,4 +127,4 @@ def check(**names: Sequence[str]) -> None:
     """Raise :class:`ArgumentError` where a name of an option is unknown."""
     known = {"channels": CHANNELS, "terms": tuple(all_terms()), "without": COLUMNS}
     for option, name in ((o, n) for o, given in names.items() for n in given if n not in known[o]):
-        raise ArgumentError(f"unknown {name!r}", option=f"--{option}", do=nearest(name, known[option]))
+        raise ArgumentError(f"unknown {name!r}", where=f"--{option}", do=nearest(name, known[option]))

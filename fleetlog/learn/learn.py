@@ -12,16 +12,19 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.spatial import cKDTree
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, cKDTree
 
+from fleetlog.core.arrays import Mask
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
-from fleetlog.core.site import Frame, Site
+from fleetlog.core.site import Frame, Site, Zone
 from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import SIDE, Driven, gather, moving
-from fleetlog.learn.places import slow_zones, with_places
 from fleetlog.learn.roads import SPEED_STEP, Evidence, Roads, Settings, learn_roads
+from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.results import write_result, write_site
 
@@ -33,6 +36,10 @@ NEAR = 3.0  # a learned road within this of one of the map is that one [m]
 ALIKE = np.cos(np.radians(45.0))
 STEP = 1.0
 SHORTEST = 5.0  # a shorter stretch is no proposal [m]
+SLOW = 0.7  # roads driven at less than this share of the usual speed are a zone
+SHORT_ZONE = 8.0  # a zone has this many metres of road at least
+RIM = 2.0  # a zone reaches this far about its roads [m]
+OPEN = 4.0  # an outline this many times as large as its roads says little
 SAME, NONE = -2, -1  # where the map has the road, and where it has none
 
 
@@ -115,6 +122,51 @@ def described(found: Roads, noise: float) -> Network:
     edges = [replace(e, id=name, speed_limit=limit, width=width) for e, name, limit, width in told]
     turns = [(names[i], names[int(j)]) for i in range(len(n)) for j in n.successors(i)]
     return build_network(edges, turns, has_elevation=False)
+
+
+def with_places(site: Site, dataset: Dataset, min_visits: int) -> tuple[Site, pd.DataFrame]:
+    """The site with the places where trucks stood again and again, and the table of their evidence."""
+    stands = find_stands(dataset)
+    cluster = clusters(stands, min_visits)
+    table = place_table(stands, cluster)
+    site, names = mined_site(site, table)
+    site = with_room(site, stands, cluster, names)
+    room = {p.id: p.plugs for p in site.places}
+    table["place"] = names
+    table["plugs"] = [room[n] for n in names]
+    return site, table
+
+
+def slow_zones(network: Network) -> tuple[Zone, ...]:
+    """Where roads that meet are all driven slowly: their outline, with the highest speed driven in it. An
+    outline that a faster road enters would slow that one down: it is left out."""
+    known = np.isfinite(network.speed_limit)
+    if not known.any():
+        return ()
+    usual = float(np.average(network.speed_limit[known], weights=network.length[known]))
+    slow = known & (network.speed_limit < SLOW * usual)
+    meet = coo_matrix((slow.astype(float), (network.start, network.end)), shape=(len(network.node_ids),) * 2)
+    _, group = connected_components(meet, directed=False)
+    names = np.unique(group[network.start[slow]])
+    found = (_zone(network, slow & (group[network.start] == name)) for name in names)
+    zones = (zone for zone in found if zone is not None)
+    return tuple(replace(zone, id=f"slow-{k}") for k, zone in enumerate(zones, 1))
+
+
+def _zone(network: Network, mine: Mask) -> Zone | None:
+    if network.length[mine].sum() < SHORT_ZONE:
+        return None
+    owner = np.repeat(mine, np.diff(network.first))
+    points = network.points[owner, :2]
+    around = np.array([[-RIM, -RIM], [-RIM, RIM], [RIM, -RIM], [RIM, RIM]])
+    rim = (points[:, None] + around[None]).reshape(-1, 2)
+    hull = ConvexHull(rim)
+    if hull.volume > OPEN * 2.0 * RIM * float(network.length[mine].sum()):
+        return None
+    zone = Zone("", rim[hull.vertices], float(np.ceil(network.speed_limit[mine].max() * 10) / 10))
+    others = network.points[~owner, :2]
+    near_end = np.hypot(*(others[:, None] - points[None]).transpose(2, 0, 1)).min(axis=1) < 2 * RIM
+    return None if (zone.contains(*others.T) & ~near_end).any() else zone
 
 
 def _result(

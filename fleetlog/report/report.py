@@ -62,7 +62,7 @@ def report(
     try:
         zone = time_zone(timezone or datasets[0].site.timezone)
     except Wrong as wrong:
-        raise ArgumentError(f"{timezone!r} {wrong}", option="--timezone") from None
+        raise ArgumentError(f"{timezone!r} {wrong}", where="--timezone") from None
     prices = None if tariff is None else load_tariff(tariff)
     names = [d.path.resolve().name for d in datasets]
     if len(set(names)) < len(names):

@@ -86,7 +86,7 @@ def _physics(asked: Asked) -> Physics:
     if asked.physics is not None:
         physics = inputs.as_physics(asked.physics, asked.truck, asked.site.network)
     for name in asked.without:
-        chosen(all_terms(), name, f"unknown term {name!r}", ArgumentError, option="--without")
+        chosen(all_terms(), name, f"unknown term {name!r}", ArgumentError, where="--without")
     return replace(physics, off=physics.off | frozenset(asked.without))
 
 
@@ -101,7 +101,7 @@ def _experiment(asked: Asked, read: list[Path]) -> Answer:
             factors.insert(0, factor(f"vehicles={fleet or bases[0].settings.vehicles}"))
         names = [f.name for f in factors]
         if double := {name for name in names if names.count(name) > 1}:
-            raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", option="--vary")
+            raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", where="--vary")
         result = experiment(bases, factors)
         return keep(Answer.of(result, asked.site))
 

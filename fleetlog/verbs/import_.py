@@ -45,7 +45,7 @@ def import_(
     >>> recorded.dataset.read("T1").to_pandas().columns[:3].tolist()
     ['vehicle_id', 'timestamp', 'x']"""
     if append and (overwrite or site is not None or output is None):
-        raise ArgumentError("goes with an output, not with --overwrite or --site", option="--append")
+        raise ArgumentError("goes with an output, not with --overwrite or --site", where="--append")
     if align and site is None:
         raise ArgumentError("--align fits a log to the roads of --site: name it")
     paths = [as_path(log) for log in cast("Sequence[LogsLike]", logs)]

@@ -22,14 +22,14 @@ def settings_file(given: dict[str, Any], options: dict[str, Option]) -> dict[str
     path, filled = Path(given["experiment"]), dict[str, Any]()
     table = load_toml(path)
     if not isinstance(vary := table.pop("vary", {}), dict):
-        raise ArgumentError(f"{path}: vary is not a table", option="--experiment", do="write [vary]")
+        raise ArgumentError(f"{path}: vary is not a table", where="--experiment", do="write [vary]")
     for key, value in table.items():
         name, texts = key.replace("-", "_"), _texts(value)
         if name not in options:
             what = f"{path}: unknown key {name!r}; {nearest(name, options)}"
-            raise ArgumentError(what, option="--experiment")
+            raise ArgumentError(what, where="--experiment")
         if isinstance(value, list) and not options[name].many:
-            raise ArgumentError(f"{path}: {name} takes one value", option="--experiment")
+            raise ArgumentError(f"{path}: {name} takes one value", where="--experiment")
         filled[name] = value if options[name].flag else texts if options[name].many else texts[0]
         if name in FILES:
             with suppress(OSError, ValueError):  # what cannot be a name is none of a file

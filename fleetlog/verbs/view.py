@@ -49,7 +49,7 @@ def view(
         raise ArgumentError("--save goes with --beside")
     source, inputs = existing(path), files_of(path, beside)
     if day is not None and not (source / "dataset.json").is_file():
-        raise ArgumentError(f"goes with a dataset, and {source} is none", option="--day")
+        raise ArgumentError(f"goes with a dataset, and {source} is none", where="--day")
     with written(screenshot, "picture") as picture, written(save, "recording") as kept:
         if beside is not None:
             notice("making the comparison")

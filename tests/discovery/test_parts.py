@@ -18,6 +18,7 @@ from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Chassis, Truck
+from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.choose import channel_of
 from fleetlog.discovery.channels.energy import _recorded
 from fleetlog.discovery.channels.energy_columns import Evaluation
@@ -431,6 +432,49 @@ def test_what_is_near_a_junction_alone_is_no_stretch_of_road(at: int, near: floa
     assert (gain > 99.0) is told
 
 
+@pytest.mark.parametrize(("alone", "told"), [(0.8, True), (1.2, False)])
+def test_a_run_of_which_more_is_told_by_its_end_at_a_junction_is_no_stretch(alone: float, told: bool) -> None:
+    """Ten seconds at 2 m/s lead over three cells, so the second cell seems to have a part of what the first
+    has; a run has its own where it explains more than the ``alone`` that its first cell does."""
+    cells = make_stretches(network())
+    product = np.eye(len(cells)) + 0.5 * (np.eye(len(cells), k=1) + np.eye(len(cells), k=-1))
+    moment = np.zeros(len(cells))
+    # What two cells explain is (m0 + m1)^2 / 3; what the first alone does, m0^2.
+    moment[0] = np.sqrt(alone)
+    moment[1] = np.sqrt(3.0) - moment[0]
+    moment[2] = -0.5
+    gain, first, last = _best(moment, product, (-np.inf, np.inf), 10.0, cells, 0, 5)
+    assert ((first, last) == (0, 2) and gain == pytest.approx(1.0)) is told
+
+
+@pytest.mark.parametrize("reach", [0.2, 0.8])
+def test_a_stretch_that_is_left_at_once_is_touched_by_nobody(reach: float) -> None:
+    """Trucks that drive a share of a stretch and are on the next road then are on their way over a junction."""
+    cells = make_stretches(network())
+    x = np.arange(0.0, 8.0 * (2.0 + reach), 0.1)
+    edge = np.zeros(len(x), np.int32)
+    motion = Motion.of(len(x), x=x, y=0.0 * x, edge=edge, edge_offset=x, speed=np.ones(len(x)))
+    unit = SimpleNamespace(
+        own=SimpleNamespace(motion=motion, of=np.zeros(len(x), int)), whole=np.array([True])
+    )
+    channel = SimpleNamespace(_passes={}, cells=lambda _: cells, each=lambda work: iter([work([unit])]))
+    passes = Channel.passes(cast(Channel, channel), None)
+    assert passes.tolist() == [1, 1, int(reach > 0.5), *[0] * (len(cells) - 3)]
+
+
+def test_how_a_turn_is_driven_does_not_hang_on_how_many_trucks_were_laden() -> None:
+    """All ways are driven alike, at 2 m/s without and 1.2 m/s with a load, but not as often with it."""
+    ways = []
+    for k, laden in enumerate([1, 4, 8, 9]):
+        for n in range(12):
+            leg = crossing(1.5, lambda s, own=n < laden: 1.2 if own else 2.0)
+            leg.path.edge[:] += 2 * k
+            leg.path.payload[:] = 800.0 if n < laden else 0.0
+            ways.append((leg, np.full(121, 3.5), np.ones(121, bool)))
+    turns = measure(crossings(ways), TRUCK).by_way.values()
+    assert [t.speed for t in turns] == pytest.approx([2.0] * 4)
+
+
 @pytest.mark.parametrize(
     ("term", "large", "size", "beside"),
     [
@@ -593,6 +637,19 @@ def test_a_stretch_gains_no_more_than_a_plausible_value_of_it() -> None:
     gain, first, last = _best(moment, np.eye(len(cells)), (-0.05, 19.0), 0.0, cells, 0, 5)
     assert not first <= 2 < last
     assert gain == pytest.approx(2.0)
+
+
+def test_what_lies_beside_a_junction_alone_is_no_place_of_a_field_that_lies_elsewhere_too() -> None:
+    """Of a road of five stretches the third and the fifth stand out; if only the fifth does, it is the place."""
+    cells, seen = make_stretches(network()), np.full(10, 10)
+    for large, named in (([2, 4], [(2, 2)]), ([4], [(4, 4)]), ([3, 4], [(3, 4)])):
+        deviation = np.where(np.isin(np.arange(10), large), 1.5, 0.0)
+        values = Values(deviation, seen, np.eye(10), 1e-4 * np.eye(10))
+        where, _ = told(cells, values, Hypothesis("surface_resistance", field=True))
+        assert where is not None
+        assert [(r["from"], r["to"]) for r in where["edges"]] == [
+            (cells.start[a], cells.end[b]) for a, b in named
+        ]
 
 
 def test_what_has_no_name_still_has_its_place() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.paths import Lost
-from fleetlog.discovery.hypotheses.cells import Cells
+from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, FreeCurve, Source, knots_of
 from fleetlog.discovery.model import Knob, Model, Scope
 from fleetlog.discovery.recording.blocks import Block, Windows, picked, stacked
@@ -233,9 +233,14 @@ class Channel(ABC):
         return {n: k for n, k in found.items() if k}
 
     def passes(self, term: Term | None) -> Ints:
-        """Return how many windows that count touch each value of a field, or of places (None), (C,)."""
+        """Return how many windows that count touch each value of a field, or of places (None), (C,); none
+        touches a stretch of which vehicles drive less than half, on their way over a junction."""
         if (name := term.name if term else None) not in self._passes:
-            self._passes[name] = np.sum(list(self.each(partial(_touched, self.cells(term)))), axis=0)
+            cells = self.cells(term)
+            count, entered, metres = np.sum(list(self.each(partial(_touched, cells))), axis=0)
+            if isinstance(cells, Stretches) and not (term and term.acts == "wait"):
+                count *= metres > 0.5 * entered * (cells.end - cells.start)
+            self._passes[name] = count.astype(np.int64)
         return self._passes[name]
 
 
@@ -263,14 +268,20 @@ def _of_date(channel: Channel, work: Callable[[Iterable[Unit]], R], date: int) -
     return work(channel.of(date))
 
 
-def _touched(cells: Cells, units: Iterable[Unit]) -> Ints:
+def _touched(cells: Cells, units: Iterable[Unit]) -> Floats:
+    """(3, C) windows that touch each value, how often vehicles enter it, and how far they drive on it [m]."""
     size = cells.size
-    total = np.zeros(size, np.int64)
+    total = np.zeros((3, size))
     for unit in units:
-        for number, _ in cells.parts(unit.own.motion):
-            on = (number >= 0) & unit.whole[unit.own.of]
-            pairs = np.unique(unit.own.of[on] * size + number[on])
-            total += np.bincount(pairs % size, minlength=size)
+        m, of = unit.own.motion, unit.own.of
+        step = np.nan_to_num(np.hypot(np.diff(m.x), np.diff(m.y)))
+        around = 0.5 * (np.append(step, 0.0) + np.append(0.0, step))
+        for number, _ in cells.parts(m):
+            on = (number >= 0) & unit.whole[of]
+            pairs = np.unique(of[on] * size + number[on])
+            total[0] += np.bincount(pairs % size, minlength=size)
+            total[1] += np.bincount(number[on & (np.diff(number, prepend=-1) != 0)], minlength=size)
+            total[2] += np.bincount(number[on], around[on], size)
     return total
 
 

@@ -142,12 +142,14 @@ class Stretches(Cells):
         cut = (np.diff(on) > 1) | (np.diff(sign[on]) != 0) | (np.diff(road[on]) != 0)
         return np.split(on, np.flatnonzero(cut) + 1) if len(on) else []
 
-    def brief(self, first: Ints, last: Ints, near: float) -> Mask:
-        """(N,) whether runs of stretches, up to ``last``, are shorter than ``near`` [m], at an end
-        of a road and not all of it: beside a junction alone."""
-        border = np.diff(self.road_edge, prepend=-1, append=-1) != 0
-        short = self.end[last - 1] - self.start[first] < near
-        return np.asarray(short & (border[first] != border[last]))
+    def inner(self, mask: Mask, sign: Floats, near: float) -> Mask:
+        """(C,) the kept stretches but those beside a junction alone: of runs shorter than ``near`` [m] at an
+        end of a road, and not all of it."""
+        out, border = mask.copy(), np.diff(self.road_edge, prepend=-1, append=-1) != 0
+        for run in self.runs(mask, sign):
+            short = self.end[run[-1]] - self.start[run[0]] < near
+            out[run] = not (short and border[run[0]] != border[run[-1] + 1])
+        return out
 
     def directions(self) -> tuple[Floats, Floats]:
         """Return the values of an odd field of slope 1 to the east, and to the north."""

@@ -8,13 +8,14 @@ corners of the map, rounded with the radius of the truck, explain the speeds see
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Index, Mask
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.legs import Leg
+from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 Way = tuple[int, int]  # Edges before and behind a junction
 Slow = tuple[float, float, float]  # Middle and half length of a place [m], speed there [m/s]
@@ -90,6 +91,7 @@ class Pass:
     at: Floats
     spacing: float
     profile: Floats  # Speed at all places, NaN where it does not count
+    laden: bool
 
 
 def crossings(drives: Iterable[Seen]) -> Iterator[tuple[Way, Pass]]:
@@ -106,7 +108,7 @@ def measure(found: Iterable[tuple[Way, Pass]], truck: Truck) -> Turns:
     passes: dict[Way, list[Pass]] = defaultdict(list)
     for way, one in found:
         passes[way].append(one)
-    known = {way: _turn(p, truck) for way, p in passes.items() if len(p) >= FEWEST}
+    known = {way: _turn(p, truck) for way, p in _as_unladen(passes).items() if len(p) >= FEWEST}
     bends = [t for t in known.values() if BEND < abs(t.angle) < BACK]
     if len(bends) < FEWEST or _map_explains(list(known.values())):
         return Turns({}, 0.0)
@@ -127,7 +129,27 @@ def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> Pass | None:
     counts = np.where(use, leg.path.speed, np.nan)
     profile = np.interp(place + PLACES, d, counts, left=np.nan, right=np.nan)
     own = float(free[near].min())
-    return Pass(s, speed, own, curvature, turned, middle, float(np.median(speed)), profile)
+    laden = bool(leg.path.payload[i] > MIN_LOAD_CHANGE)
+    return Pass(s, speed, own, curvature, turned, middle, float(np.median(speed)), profile, laden)
+
+
+def _as_unladen(passes: dict[Way, list[Pass]]) -> dict[Way, list[Pass]]:
+    """Passages with the speeds of trucks without a load: what a load changes is the model's to explain, and
+    no way's own. Ways crossed with and without one tell how much that is, of bends and of the rest."""
+    bends = {way: abs(np.median([p.turned.sum() for p in own])) >= BEND for way, own in passes.items()}
+    ratios: dict[bool, list[float]] = {False: [], True: []}
+    for way, own in passes.items():
+        empty, laden = (
+            [float(p.speed.min()) for p in own if p.laden == with_load] for with_load in (False, True)
+        )
+        if min(len(empty), len(laden)) >= FEWEST:
+            ratios[bends[way]].append(float(np.median(laden) / np.median(empty)))
+    change = {bend: np.median(found) if found else 1.0 for bend, found in ratios.items()}
+
+    def unladen(p: Pass, ratio: float) -> Pass:
+        return replace(p, speed=p.speed / ratio, profile=p.profile / ratio) if p.laden else p
+
+    return {way: [unladen(p, change[bends[way]]) for p in own] for way, own in passes.items()}
 
 
 def _turn(passes: list[Pass], truck: Truck) -> Turn:

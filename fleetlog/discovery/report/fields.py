@@ -9,6 +9,7 @@ from fleetlog.core.arrays import Floats, Indices, Ints, Mask
 from fleetlog.discovery.hypotheses.cells import LARGE, Cells, Squares, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import field_values
+from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.report.finding import NORMAL, Parameter, interval
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.term import Parameter as Definition
@@ -59,6 +60,10 @@ def told(cells: Cells, v: Values, h: Hypothesis) -> tuple[dict[str, Any] | None,
         way = v.deviation.reshape(-1, 2)
         v = v.along(way / np.maximum(np.hypot(*way.T), 1e-12)[:, None])
     mask = large(v)
+    if isinstance(cells, Stretches) and not (h.physics and h.physics.acts == "wait"):
+        # Where trucks leave one road for the next, what is told may be of either.
+        inner = cells.inner(mask, np.sign(v.deviation), REACH)
+        mask = inner if inner.any() else mask
     even = bool(h.patterns) and not any(" m" in p.label for p in h.patterns)
     if not mask.any():
         mask = np.abs(v.deviation) >= LARGE * float(np.abs(v.deviation).max(initial=0.0))

@@ -200,6 +200,7 @@ def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells:
     moment, product = cells.inverse.T @ left.moment, cells.inverse.T @ left.product @ cells.inverse
     evident = 2.0 * problem.noise.design * (problem.settings.parameter + 5.0)
     passes = problem.channel.passes(h.physics)
+    moment, product = moment * (passes > 0), product * np.outer(passes > 0, passes > 0)
     share = passes / max(float(passes.sum()), 1.0)
     material = max(problem.settings.material, problem.channel.place_error) ** 2 * sums.energy
     plausible = h.physics.parameters[0].plausible
@@ -229,7 +230,8 @@ def _best(
     first: int, last: int,
 ) -> tuple[float, int, int]:  # fmt: skip
     """The run of cells of a road whose common value, a plausible one, explains most: twice the gain in
-    likelihood, its ends.  A part of the road that is no longer than ``near`` [m] and at its end is none."""
+    likelihood, its ends.  A part of the road at its end says more than what it has within ``near`` [m] of
+    the junction says alone, or it is none."""
     n = last - first
     u = np.concatenate([[0.0], np.cumsum(moment[first:last])])
     d = np.zeros((n + 1, n + 1))
@@ -239,8 +241,13 @@ def _best(
     own = np.trace(product) / len(product)
     along = u[j] - u[i]
     value = np.clip(along / np.maximum(size, 1e-12), *plausible)
-    told = (size > 1e-3 * own) & ~cells.brief(first + i, first + j, near)
-    gain = np.where(told, value * (2.0 * along - value * size), 0.0)
+    gain = np.zeros((n + 1, n + 1))
+    gain[i, j] = np.where(size > 1e-3 * own, value * (2.0 * along - value * size), 0.0)
+    close = int(near // ((cells.end[last - 1] - cells.start[first]) / n))
+    at_begin, at_end = (i == 0) & (j < n), (j == n) & (i > 0)
+    a, b = np.where(at_end, np.maximum(i, n - close), i), np.where(at_begin, np.minimum(j, close), j)
+    beside = np.where(at_begin | at_end, gain[a, b], 0.0) if close else 0.0
+    told = np.where(gain[i, j] > beside, gain[i, j], 0.0)
     # Of runs that say the same the shortest: cells that nothing touches belong to none.
-    k = int(np.argmax(gain - 1e-6 * gain.max() * (j - i)))
-    return float(gain[k]), first + int(i[k]), first + int(j[k])
+    k = int(np.argmax(told - 1e-6 * told.max() * (j - i)))
+    return float(told[k]), first + int(i[k]), first + int(j[k])

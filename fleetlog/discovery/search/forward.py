@@ -310,11 +310,8 @@ def _at_junctions(problem: Problem, now: Joint, joint: Joint) -> bool:
     passes = problem.channel.passes(term)
     deviation = np.where(passes > 0, joint.model.fields[term.name], 0.0)
     large = np.abs(deviation) >= LARGE * np.abs(deviation).max(initial=0.0)
-    runs, weight = cells.runs(large, np.sign(deviation)), passes * deviation**2
-    ends = np.array([(r[0], r[-1] + 1) for r in runs])
-    brief = cells.brief(ends[:, 0], ends[:, 1], REACH)
-    at_ends = sum(weight[r].sum() for r, short in zip(runs, brief, strict=True) if short)
-    share = at_ends / max(weight[large].sum(), 1e-12)
+    weight = passes * deviation**2 * large
+    share = 1.0 - weight[cells.inner(large, np.sign(deviation), REACH)].sum() / max(weight.sum(), 1e-12)
     rest = size_of(problem, now, joint).verified * np.sqrt(1.0 - share) if share > OWN else np.inf
     return bool(rest < problem.channel.place_error)
 
