@@ -15,7 +15,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
 from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.motion.legs import speed_limits
-from fleetlog.simulate.doors import ALONG, recorded_stands
+from fleetlog.simulate.doors import ALONG, Stand, recorded_stands
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.simulate.state import DRIVER, PLAN
 from fleetlog.simulate.tasks import Demand, Task, Visit
@@ -104,9 +104,12 @@ def like(
 ) -> tuple[Site, Demand, list[str]]:  # fmt: skip
     """The site with a recording's places, demand like its own (of the ``same`` fleet its ways), and notes."""
     stands = find_stands(dataset)
-    cluster = clusters(stands)
+    cluster = clusters(stands, loads=True)
     table = place_table(stands, cluster)
     site, names = mined_site(site, table)
+    along = dict[str, Stand]()
+    if same:
+        site, cluster, names, along = recorded_stands(site, stands, cluster, names)
     site = with_room(site, stands, cluster, names)
     turns = recorded_turns(dataset, site.roads())
     site = replace(site, network=with_turns(site.roads(), turns))
@@ -118,7 +121,6 @@ def like(
     visits = visits_of(stands, cluster, names, chargers, driven_edges(dataset, stands))
     if same and any(v.next >= 0 for v in visits):
         notes.append(f"trucks choose their next place as after {count(len(visits), 'recorded visit')}")
-        along = recorded_stands(stands, cluster, names)
         return site, Demand(visits=visits, stands=along, endless=False), notes
     known = carried(stands, cluster, names)
     if not known:
@@ -141,11 +143,12 @@ def visits_of(
     left_out = np.isin(cluster, [k for k, name in enumerate(names) if name in set(apart)])
     kept = np.flatnonzero((cluster >= 0) & ~carried & ~left_out)
     same = np.append(np.diff(stands.vehicle[kept]) == 0, False)
-    begin = (stands.start[kept] * 1e-6) % DAY
+    begin, before = (stands.start[kept] * 1e-6) % DAY, np.append(-1, kept[:-1]) + 1
     return tuple(
         Visit(
             names[cluster[i]], float(begin[k]), float(stands.dwell[i]), float(stands.height[i]),
-            float(taken[i]), k + 1 if same[k] else -1, ways[i],
+            float(taken[i]), k + 1 if same[k] else -1,
+            tuple(itertools.chain(*ways[before[k] : i + 1])),
         )
         for k, i in enumerate(kept)
     )  # fmt: skip

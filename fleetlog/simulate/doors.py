@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Ints
-from fleetlog.core.site import Place
+from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.junctions import START, Junctions, half_box
 from fleetlog.simulate.places import Stands
@@ -19,7 +19,7 @@ SHARES = (1.0, 0.7, 0.5)
 """Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
 EDGE = 0.25  # Kept to the ends of a lane without a safe part [m]
 DEEPEST = 25.0  # A bay farther than this from the opposite lane has no way from there [m]
-ALONG = 0.7  # A truck that stops within this of the direction of the road stands along it [rad]
+ALONG = 0.7  # Directions within this of one another, or of that of a road, are alike [rad]
 BESIDE = 6.0  # A spot along the road is at most this far from a lane [m]
 LENGTH = 0.01  # Of a spur to where a truck stands on the road [m]
 
@@ -95,20 +95,32 @@ class Stand(NamedTuple):
     turns: bool
 
 
-def recorded_stands(stands: Stands, cluster: Ints, names: Sequence[str]) -> dict[str, Stand]:
-    """How trucks stood at each place to which at least half of them came in one direction."""
-    out = {}
-    for k, name in enumerate(names):
-        mine = np.flatnonzero((cluster == k) & np.isfinite(stands.into))
-        into = stands.into[mine]
-        alike = np.cos(into[:, None] - into) > np.cos(ALONG)
-        if not len(mine) or alike.sum(axis=1).max() < 0.5 * len(mine):
-            continue
-        mine = mine[alike[np.argmax(alike.sum(axis=1))]]
-        turns = bool((np.cos(stands.out[mine] - stands.into[mine]) < 0.0).sum() > 1)
-        x, y = np.median(stands.x[mine]), np.median(stands.y[mine])
-        out[name] = Stand(float(x), float(y), float(np.angle(np.exp(1j * stands.into[mine]).mean())), turns)
-    return out
+def recorded_stands(
+    site: Site, stands: Stands, cluster: Ints, names: Sequence[str]
+) -> tuple[Site, Ints, list[str], dict[str, Stand]]:
+    """How trucks stood at each place. They leave in the direction in which they came: for every direction a
+    place of its own, in ``site``, ``cluster`` and ``names`` too; of a charger the one of at least half."""
+    cluster, names, known, out = cluster.copy(), list(names), {p.id: p for p in site.places}, {}
+    for k, name in enumerate(tuple(names)):
+        left, own, number = np.flatnonzero((cluster == k) & np.isfinite(stands.into)), name, k
+        charges, visits = known[name].kind == "charge", len(left)
+        while len(left) > (visits // 2 if charges else 0):
+            into = stands.into[left]
+            alike = np.cos(into[:, None] - into) > np.cos(ALONG)
+            chosen = alike[np.argmax(alike.sum(axis=1))]
+            mine, left = left[chosen], left[~chosen]
+            if charges and 2 * len(mine) < visits:
+                break
+            if number != k:
+                own = f"{name}.{number}"
+                known[own], names = replace(known[name], id=own, plugs=0), [*names, own]
+            cluster[mine], number = number, len(names)
+            turns = bool((np.cos(stands.out[mine] - stands.into[mine]) < 0.0).sum() >= min(2, len(mine)))
+            heading = float(np.angle(np.exp(1j * stands.into[mine]).mean()))
+            out[own] = Stand(
+                float(np.median(stands.x[mine])), float(np.median(stands.y[mine])), heading, turns
+            )
+    return replace(site, places=tuple(known.values())), cluster, names, out
 
 
 def door_beside(

@@ -110,8 +110,9 @@ def touching(cells: NDArray[Any]) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
-    """(N,) place of every stand, from west to east, -1: under ``min_visits``; cells that touch are one."""
+def clusters(stands: Stands, min_visits: int = MIN_VISITS, loads: bool = False) -> Ints:
+    """(N,) place of every stand, from west to east, -1: under ``min_visits``; cells that touch are one. With
+    ``loads`` one stand is enough where a load changed; such places come last."""
     cell = np.floor(np.column_stack([stands.x, stands.y]) / CELL)
     cells, of, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
     of = of.ravel()
@@ -124,7 +125,10 @@ def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
     centre = {k: (np.median(stands.x[code == k]), np.median(stands.y[code == k])) for k in kept}
     number = np.full(len(names), -1, dtype=np.int64)
     number[sorted(kept, key=lambda k: (*centre[k], k))] = np.arange(len(kept))
-    return np.asarray(number[code])
+    out = number[code]
+    lone = np.flatnonzero((out < 0) & (np.abs(stands.after - stands.before) > MIN_LOAD_CHANGE) & loads)
+    out[lone] = len(kept) + touching(cells[of[lone]])
+    return np.asarray(out)
 
 
 def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:

@@ -11,8 +11,9 @@ from simulated_sites import PLACES, TRUCK, crossing, grid
 
 from fleetlog.core.site import Place
 from fleetlog.simulate.demand import Itineraries, at_places, delays, like, recorded_drivers
-from fleetlog.simulate.doors import Stand
+from fleetlog.simulate.doors import Stand, recorded_stands
 from fleetlog.simulate.engine import Settings, simulate
+from fleetlog.simulate.places import Stands, clusters
 from fleetlog.simulate.tasks import Visit
 from fleetlog.simulate.ways import recorded_turns, with_turns
 from fleetlog.simulate.world import build_world
@@ -185,3 +186,18 @@ def test_who_was_seen_to_turn_round_at_a_crossing_may_leave_either_way():
         at = next(b for b, bay in enumerate(world.bays) if bay.place.id == "there")
         doors.append(len(world.ways.of_bay[at]))
     assert doors == [1, 2]
+
+
+def test_a_place_is_where_a_load_changed_once_and_one_for_each_direction():
+    x = np.array([10.0, 10.0, 10.0, 10.0, 50.0, 90.0])
+    into, load = np.array([0.0, 0.1, np.pi, np.pi, 0.0, 0.0]), np.array([0.0, 0, 0, 0, 0, 500.0])
+    start, zero = np.arange(6) * 100_000_000, np.zeros(6)
+    stands = Stands(zero.astype(int), start, start + 20_000_000, x, zero, zero, load, zero, zero, into, into)
+    assert clusters(stands).tolist() == [0, 0, 0, 0, -1, -1]
+    found = clusters(stands, loads=True)
+    assert found.tolist() == [0, 0, 0, 0, -1, 1], "a stop without a load is none"
+    site = grid(3, 3, places=[Place("a", "drop", 10.0, 0.0), Place("b", "pick", 90.0, 0.0)])
+    site, cluster, names, along = recorded_stands(site, stands, found, ["a", "b"])
+    assert [names[k] for k in cluster[cluster >= 0]] == ["a", "a", "a.2", "a.2", "b"]
+    assert {p.id for p in site.places} == {*along} == {"a", "a.2", "b"}
+    assert np.cos(along["a"].heading - along["a.2"].heading) < -0.9

@@ -7,10 +7,13 @@ import pytest
 from laws import corners, overlap
 from simulated_sites import TRUCK, aisle, grid, place
 
+from fleetlog.core.site import Place
+from fleetlog.simulate.doors import Stand
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.kernels import gates, lanes
 from fleetlog.simulate.kernels.gates import ask
-from fleetlog.simulate.state import Mode, Trucks, limits_of, new_fleet
+from fleetlog.simulate.kernels.traffic import advance
+from fleetlog.simulate.state import Mode, Trucks, limits_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.simulate.world import build_world
 
@@ -274,3 +277,32 @@ def test_who_turns_into_its_bay_does_not_wait_for_one_that_comes_behind_it(monke
                 assert lanes.is_free.py_func(roads, fleet, 0, spurs + door, True) == free
                 assert not lanes.is_free.py_func(roads, fleet, 0, spurs + door, False)
     assert found
+
+
+@pytest.mark.parametrize("stands_there", [False, True])
+def test_who_comes_out_before_a_junction_is_ahead_of_who_came_near_it_in_the_same_round(stands_there):
+    """Truck 1 asks for the junction as 0 comes out before it; if it had it, both would stand for ever."""
+    lane, (x, y) = grid(3, 3, 60.0).network.index["e00h"], (60.0, 0.0)
+    site = grid(3, 3, 60.0, places=[Place("there", "drop", x, y), Place("far", "drop", 63.0, 100.0)])
+    world = build_world(site, TRUCK, 2, stands={"there": Stand(x, y, 0.0, False)})
+    there, far = (next(b for b, bay in enumerate(world.bays) if bay.place.id == n) for n in ("there", "far"))
+    roads, limits = world.roads, limits_of([TRUCK], np.zeros(2, int), TRUCK.chassis.length, GAP)
+    fleet = new_fleet(2, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
+    # As close behind as it may be for 0 to come out at all.
+    speed, out = 3.0, world.ways.between(there, far)
+    door = out.out
+    at = roads.door_at[door] - TRUCK.chassis.length - GAP
+    at -= speed**2 / (2.0 * limits.plan[1]) + 0.6 * speed + 0.01
+    for v, way in enumerate((out, world.ways.onward(lane, at, far))):
+        fleet.route[v, : len(way.pieces)], fleet.last[v] = way.pieces, len(way.pieces) - 1
+        fleet.goal[v] = way.door
+    fleet.mode[:] = Mode.WANTS_OUT if stands_there else Mode.PARKED, Mode.DRIVING
+    fleet.door[:] = door, fleet.goal[1]
+    fleet.spur[0], fleet.waits[0] = roads.door_length[door], -1.0
+    fleet.piece[1], fleet.s[1], fleet.v[1], fleet.tail[lane], fleet.on[lane] = lane, at, speed, 1, 1
+    log = new_log(2, 600)
+    advance(roads, fleet, limits, log, 0, 1, 0, 0.1)
+    assert (fleet.held_to[1] > 0) == (not stands_there)
+    assert fleet.mode[0] == (Mode.LEAVING if stands_there else Mode.PARKED)
+    advance(roads, fleet, limits, log, 1, 599, 1, 0.1)
+    assert fleet.at[1] == fleet.last[1] and (fleet.at[0] == fleet.last[0] or not stands_there)

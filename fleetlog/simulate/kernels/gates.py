@@ -205,6 +205,9 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
             answer = try_leave(r, f, v, x, now)
         elif f.mode[v] == Mode.AT_BAY or f.at[v] == f.last[v]:
             answer = try_enter(r, f, v, x, now)
+        elif not comes_near(r, f, v, x, now):
+            # Who came out before it in this round is ahead of it now, and needs the junction first.
+            answer = 1
         else:
             answer = acquire(r, f, v, f.at[v], x, now - f.waits[v] > x.patience)
         f.why[v] = answer
