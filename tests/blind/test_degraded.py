@@ -13,7 +13,7 @@ RARELY = pytest.mark.xfail(
     strict=True,
     reason="rows five seconds apart: what they hide is told as unknown (truck, acceleration, speed) and as battery capacity",
 )
-SHARED = {"aux": "auxiliary_load", "grade": "grade", "surface": "surface_resistance"}
+SHARED = {"aux": "auxiliary_load", "clock": "clock_offset", "grade": "grade", "surface": "surface_resistance"}
 
 
 def named(found: dict[str, Any]) -> list[str]:
@@ -33,6 +33,7 @@ def test_a_clean_recording_stays_clean(lack: str, shared_data: Path) -> None:
     ("case", "lack"),
     [
         ("grade", "rows"),
+        ("clock", "rows"),
         ("grade", "load"),
         ("grade", "power"),
         ("surface", "load"),
@@ -45,6 +46,8 @@ def test_a_strong_effect_is_found_with_less(case: str, lack: str, shared_data: P
     assert named(found) == [SHARED[case]]
     effect = json.loads((shared_data / "blind" / case / "key.json").read_text())["effect"]
     first = found["findings"][0]["parameters"]
+    if case == "clock":
+        assert first[0]["low"] <= effect["clock_offset"] <= first[0]["high"]
     if case == "surface":
         assert first[0]["low"] <= effect["surface_factor"] <= first[0]["high"]
     if case == "grade":

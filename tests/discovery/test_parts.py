@@ -159,6 +159,45 @@ def test_a_right_clock_is_no_fault() -> None:
     assert faults(fleet()) == []
 
 
+def test_a_late_clock_is_no_mean_where_rows_are_seconds_apart() -> None:
+    """Trucks start and brake between the rows: shifts are tried as finely as they do."""
+    days = []
+    for k in range(2):
+        rng = np.random.default_rng(k)
+        t, ends = np.arange(60_000) * 0.1, np.cumsum(rng.uniform(20.0, 50.0, 400))
+        trip = np.searchsorted(ends, t)
+        since, left = t - np.append(0.0, ends)[trip], ends[trip] - t
+        speed = np.clip(np.minimum(since * 0.6, left * 0.7), 0.0, rng.uniform(1.5, 3.5, 400)[trip])
+        way = np.cumsum(speed) * 0.1
+        columns = {
+            "x": way,
+            "y": 0.0 * way,
+            "heading": 0.0 * way,
+            "speed": speed,
+            "payload": 0.0 * way,
+            "trip_id": trip,
+        }
+        fine = Trajectory("T", np.round(t * 1e6).astype(np.int64), columns)
+        b = block(fine, 0, None, TRUCK)
+        fine = fine.with_columns(battery_power=b.rows(battery_power(b.motion, Physics(TRUCK))))
+        rows = fine[::50]
+        days.append(day_of(k, rows.with_columns(battery_power=rows_late(rows.seconds(), fine, 3.1))))
+    (fault,) = faults(Fleet(days, ("a", "b"), None, TRUCK, {}, {}))
+    assert fault.term == "clock_offset"
+    assert fault.off.value == pytest.approx(3.1, abs=0.4)
+
+
+def test_noise_of_a_speed_at_rest_is_no_scale() -> None:
+    """A truck that stands half of the time: the noise of a speed that is never negative adds up to metres."""
+    t, rng = np.arange(4000.0), np.random.default_rng(3)
+    true = np.where(t % 40.0 < 20.0, 2.0, 0.0)
+    x = np.cumsum(true) + rng.normal(0.0, 0.01, len(t))
+    speed = np.abs(true + rng.normal(0.0, 0.08, len(t)))
+    columns = {"x": x, "y": np.zeros(len(t)), "speed": speed}
+    days = [day_of(0, Trajectory("T", (t * 1e6).astype(np.int64), columns))]
+    assert faults(Fleet(days, ("a",), None, TRUCK, {}, {})) == []
+
+
 @pytest.mark.parametrize(
     "name",
     [
