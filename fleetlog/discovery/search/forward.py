@@ -149,10 +149,11 @@ def _counting(
 
 def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Joint) -> bool:
     """Whether a hypothesis mostly repeats what another says at least as well: places a curve over a recorded
-    state, as a few numbers are simpler than one for every road; and a number one that is far likelier."""
+    state, as a few numbers are simpler than one for every road; and a number, be it of a part, one of all
+    that is far likelier."""
     h, o = joint.chosen[-1], other.chosen[-1]
     at_places = h.placed and o.curve is not None
-    numbers = h.knobs and o.knobs and h.scope.whole and o.scope.whole and not {*h.knobs} & {*o.knobs}
+    numbers = h.knobs and o.knobs and o.scope.whole and not {k.fleet for k in h.knobs} & {*o.knobs}
     margin = problem.settings.evidence * (1.0 if at_places else -1.0)
     return bool(at_places or numbers) and _repeats(problem, sums, now, joint, other, margin)
 
