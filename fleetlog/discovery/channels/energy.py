@@ -51,9 +51,8 @@ class EnergyChannel(Channel):
         self.metric = f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
         # Where power is measured, sampling hides nothing and free power by place says nothing.
         self.errors = [] if self.measured else list(ERRORS)
-        if (
-            self.power_step > LEAST_SWING
-        ):  # Rounding is off by any part of a step alike, of like trucks by the same
+        # Rounding is off by any part of a step alike, and of like trucks by the same.
+        if self.power_step > LEAST_SWING:
             spread, vehicles = self.power_step / np.sqrt(12.0), (None, *range(len(self.fleet.vehicles)))
             self.errors += [ErrorSource("rounding", spread, vehicle=v) for v in vehicles]
         self.by_place = self.places is not None and not self.measured
