@@ -44,6 +44,7 @@ from fleetlog.discovery.search.beside import _best
 from fleetlog.discovery.search.design import Atom, Design
 from fleetlog.discovery.search.finish import Search
 from fleetlog.discovery.search.joint import Joint
+from fleetlog.discovery.search.judge import beyond_chance
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.settings import SETTINGS
@@ -185,6 +186,15 @@ def test_a_late_clock_is_no_mean_where_rows_are_seconds_apart() -> None:
     (fault,) = faults(Fleet(days, ("a", "b"), None, TRUCK, {}, {}))
     assert fault.term == "clock_offset"
     assert fault.off.value == pytest.approx(3.1, abs=0.4)
+
+
+def test_what_a_few_trips_have_is_no_error_beyond_chance() -> None:
+    """Half of the squares are one trip's: other trips might have had none. An even error is nearly all told."""
+    trip, rng = np.repeat(np.arange(20), 40), np.random.default_rng(0)
+    even = rng.normal(0.0, 1.0, len(trip))
+    rare = np.where(trip == 7, 4.5, 1.0) * even
+    assert 0.9 < beyond_chance(even, trip) < np.sqrt(np.mean(even**2))
+    assert beyond_chance(rare, trip) < 0.6 * np.sqrt(np.mean(rare**2))
 
 
 def test_noise_of_a_speed_at_rest_is_no_scale() -> None:

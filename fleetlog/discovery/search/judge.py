@@ -13,7 +13,7 @@ from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.splits import HELD_OUT
-from fleetlog.discovery.report.finding import ChannelFit, Errors
+from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors
 from fleetlog.discovery.search.joint import Joint, said
 from fleetlog.discovery.search.problem import Problem
 
@@ -28,8 +28,8 @@ def judge(
 ) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None]:  # fmt: skip
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
     ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
-    hides. ``strongest`` are two fits that differ by the hypothesis which says most; the noise floor is
-    measured on a ``share`` of the trips."""
+    hides, as far as it is beyond chance. ``strongest`` are two fits that differ by the hypothesis which says
+    most; the noise floor is measured on a ``share`` of the trips."""
     channel, fits = problem.channel, [after, *beside.values(), *strongest]
     parts = channel.each(partial(_heard, problem, fits, [*without.values(), before]))
     energy, cluster, *pooled = np.concatenate(list(parts), axis=1)
@@ -56,7 +56,16 @@ def judge(
         alone, hidden, other, more = pooled[2 + 2 * len(beside) : 2 * len(fits)]
         effect, own = other + more - alone - hidden, channel.model_error * np.abs(alone)
         fit.p_value = p_value(energy - alone - hidden, effect, cluster, own)
-    return fit, told, error(new - concealed)
+    return fit, told, beyond_chance(new - concealed, cluster) / size
+
+
+def beyond_chance(residual: Floats, cluster: Ints) -> float:
+    """Return what a root mean square is at least, by how the (W,) squares scatter over trips: where a few
+    events make most of it, other trips have more of them or fewer."""
+    which = np.unique(cluster, return_inverse=True)[1]
+    square, mean = np.bincount(which, residual**2), float(np.mean(residual**2))
+    scatter = float(np.sqrt(np.sum((square - mean * np.bincount(which)) ** 2))) / len(residual)
+    return float(np.sqrt(max(mean - NORMAL * scatter, 0.0)))
 
 
 def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats = 0.0) -> float:
