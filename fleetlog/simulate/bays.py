@@ -30,8 +30,7 @@ class BayMaker:
         from fleetlog.simulate.kernels.geometry import PASSED, SAFE, new_cells, put
 
         self.track, self.junctions, self.truck, self.side = track, junctions, truck, side
-        self.stands = stands
-        self.half = half_box(truck)
+        self.stands, self.half = stands, half_box(truck)
         lanes = len(track.network)
         self._lane_tree = cKDTree(np.column_stack([track.x, track.y])[: track.first[lanes]])
         self.radii = [share * truck.chassis.turn_radius for share in SHARES]

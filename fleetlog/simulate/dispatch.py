@@ -49,9 +49,7 @@ class Dispatcher(Occupancy):
 
     def _first(self, v: int) -> str | None:
         """The place where a truck begins."""
-        if self.itineraries is None:
-            return None
-        visit = self.itineraries.first(v, lambda place: self._open(place, v))
+        visit = self.itineraries.first(v, lambda place: self._open(place, v)) if self.itineraries else None
         if visit is None:
             return None
         self.jobs[v].stage, self.jobs[v].since = "staying", visit.dwell
@@ -168,8 +166,7 @@ class Dispatcher(Occupancy):
         job = self.jobs[v]
         assert job.task is not None
         if self.itineraries is not None and not job.task.target:
-            visit = self._visit(v, now)
-            if visit is None:
+            if (visit := self._visit(v, now)) is None:
                 return
             dwell, height = (job.task.dwell[0], visit.dwell), (job.task.height[0], visit.height)
             job.task = replace(job.task, target=visit.place, dwell=dwell, height=height)

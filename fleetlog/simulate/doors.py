@@ -1,6 +1,4 @@
-"""The ways into a bay: from its own lane, and across it from the opposite one, to turn round.
-
-Where recorded trucks stop along the road there is room beside them: no bay is drawn, and others pass."""
+"""The ways into a bay: from its own lane, and across it from the opposite one, to turn round."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -116,10 +114,8 @@ def recorded_stands(
                 known[own], names = replace(known[name], id=own, plugs=0), [*names, own]
             cluster[mine], number = number, len(names)
             turns = bool((np.cos(stands.out[mine] - stands.into[mine]) < 0.0).sum() >= min(2, len(mine)))
-            heading = float(np.angle(np.exp(1j * stands.into[mine]).mean()))
-            out[own] = Stand(
-                float(np.median(stands.x[mine])), float(np.median(stands.y[mine])), heading, turns
-            )
+            x, y = (float(np.median(values[mine])) for values in (stands.x, stands.y))
+            out[own] = Stand(x, y, float(np.angle(np.exp(1j * stands.into[mine]).mean())), turns)
     return replace(site, places=tuple(known.values())), cluster, names, out
 
 
@@ -143,7 +139,7 @@ def door_beside(
 
 
 def turning_door(track: Track, junctions: Junctions, truck: Truck, own: Door) -> Door | None:
-    """The half turn between where a truck stands and the opposite lane; None without one."""
+    """The half turn, a half circle, between where a truck stands and the opposite lane; None without one."""
     lane = int(track.network.reverse[own.lane])
     if lane < 0:
         return None
@@ -154,20 +150,15 @@ def turning_door(track: Track, junctions: Junctions, truck: Truck, own: Door) ->
     side = stands - start
     if not low <= at <= high or np.hypot(*side) < 2.0 * SPACING:
         return None
-    path, length = _half_turn(start, stands, float(track.heading[rows][k]))
+    middle, arm, toward = 0.5 * (start + stands), 0.5 * (start - stands), float(track.heading[rows][k])
+    left = np.array([-arm[1], arm[0]])
+    sign = 1.0 if left @ (np.cos(toward), np.sin(toward)) > 0.0 else -1.0
+    angle = np.linspace(0.0, np.pi, 33)[:, None]
+    path, length = even(middle + np.cos(angle) * arm + sign * np.sin(angle) * left, 0.5 * SPACING)
     reach = 0.5 * (float(np.hypot(*side)) + truck.chassis.length)
     crossed = own.lane if junctions.capacity[own.lane] > 0 else -1
     crossing = crossed, max(own.at - reach, 0.0), own.at + reach
     return Door(lane, at, path, length, reach, own.bay, *crossing, passed=True)
-
-
-def _half_turn(start: Floats, end: Floats, heading: float) -> tuple[Floats, float]:
-    """The half circle from one point to another, begun along ``heading``."""
-    middle, arm = 0.5 * (start + end), 0.5 * (start - end)
-    left = np.array([-arm[1], arm[0]])
-    sign = 1.0 if left @ (np.cos(heading), np.sin(heading)) > 0.0 else -1.0
-    angle = np.linspace(0.0, np.pi, 33)[:, None]
-    return even(middle + np.cos(angle) * arm + sign * np.sin(angle) * left, 0.5 * SPACING)
 
 
 def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck) -> list[Door]:

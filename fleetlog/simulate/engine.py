@@ -132,14 +132,13 @@ class Run:
 
     def all(self) -> Summary:
         """To the end."""
-        total = self.total
         with self.recorder:
-            for step0 in range(0, total, self.steps):
+            for step0 in range(0, self.total, self.steps):
                 self.batch(step0)
-                progress("simulating", (step0 + self.steps) / total)
+                progress("simulating", (step0 + self.steps) / self.total)
             self.recorder.flush()
-        summary = self._summary(total)
-        self.events.close(total * self.settings.step)
+        summary = self._summary(self.total)
+        self.events.close(self.total * self.settings.step)
         return summary
 
     def batch(self, step0: int) -> None:

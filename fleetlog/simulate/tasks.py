@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.arguments import Between
 from fleetlog.core.arrays import Floats
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.site import Site
@@ -141,14 +142,10 @@ def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generato
 
 
 def _number(row: dict[str, str], name: str, default: float) -> float:
-    text = row.get(name) or ""
     try:
-        value = float(text) if text.strip() else default
-    except ValueError:
-        raise InputError(f"{name} {text!r} is not a number") from None
-    if not 0.0 <= value < np.inf:
-        raise InputError(f"{name} {text!r} is negative or not finite")
-    return value
+        return Between(0.0)((row.get(name) or "").strip() or default)
+    except ValueError as error:
+        raise InputError(f"{name} {error}") from None
 
 
 def check_vehicles(tasks: Sequence[Task], names: Sequence[str]) -> None:

@@ -77,10 +77,9 @@ def with_turns(network: Network, turns: Iterable[tuple[int, int]]) -> Network:
 
 def recorded_turns(dataset: Dataset, network: Network) -> list[tuple[int, int]]:
     """Edges of a network at whose end recorded trucks turned round, each with the opposite edge."""
-    found = [pairs for pairs in each_day(dataset, _half_turns, kinds=(), cost=0.2e-6) if len(pairs)]
-    if not found:
-        return []
-    pairs, count = np.unique(np.concatenate(found), axis=0, return_counts=True)
+    found = each_day(dataset, _half_turns, kinds=(), cost=0.2e-6)
+    none = np.zeros((0, 2), np.int64)
+    pairs, count = np.unique(np.concatenate([none, *found]), axis=0, return_counts=True)
     found_ids = np.array(dataset.site.roads().edge_ids)[pairs[count >= SEEN]].tolist()
     return [(network.index[a], network.index[b]) for a, b in found_ids if {a, b} <= network.index.keys()]
 

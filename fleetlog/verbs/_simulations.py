@@ -17,11 +17,11 @@ from fleetlog.listening import notice
 from fleetlog.physics.battery import battery_of
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.simulate import demand as demands
-from fleetlog.simulate.cycle import run_cycle, strip
 from fleetlog.simulate.demand import recorded_drivers
 from fleetlog.simulate.engine import DEFAULT_START, Settings
 from fleetlog.simulate.mission import replay
 from fleetlog.simulate.occupancy import Policy
+from fleetlog.simulate.retrace import run_cycle, strip
 from fleetlog.simulate.scenario import Scenario, experiment, factor, one_more
 from fleetlog.simulate.tasks import Demand, read_tasks
 from fleetlog.store import Dataset, DatasetWriter

@@ -13,8 +13,7 @@ SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and 
 def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
     """Whether truck ``v`` may stop for the one that asks to come out onto, or to cross, route position ``j``.
 
-    Not where that one could not come even so (see ``may_leave``): the two would wait for each other for ever.
-    """
+    Not where that one could not come even so (see ``may_leave``): both would wait for ever."""
     lane = f.route[v, j]
     if not is_safe_lane(r, lane):
         # Who is in a single-lane aisle, or comes to it, has all of it reserved.

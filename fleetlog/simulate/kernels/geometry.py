@@ -3,7 +3,6 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.compiling import free, inner, outer
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
@@ -55,8 +54,7 @@ class Cells(NamedTuple):
     before it, -1: none.
 
     ``shape`` x0, y0, cell [m], columns, rows;  ``box`` (N, 3) x, y, heading;  ``group``, ``kind`` (N,) what
-    a box belongs to;  ``size`` (1,) boxes in use.  Boxes outside the cells lie in the nearest one.
-    """
+    a box belongs to;  ``size`` (1,) boxes in use.  Boxes outside the cells lie in the nearest one."""
 
     shape: Floats
     head: Ints
@@ -81,10 +79,9 @@ def grown(c: Cells, more: int) -> Cells:
     if c.size[0] + more <= len(c.after):
         return c
 
-    def longer(values: NDArray[Any]) -> NDArray[Any]:
-        return np.resize(values, (2 * len(c.after) + more, *values.shape[1:]))
-
-    return c._replace(after=longer(c.after), box=longer(c.box), group=longer(c.group), kind=longer(c.kind))
+    longer = 2 * len(c.after) + more
+    parts = (np.resize(values, (longer, *values.shape[1:])) for values in (c.after, c.box, c.group, c.kind))
+    return c._replace(**dict(zip(("after", "box", "group", "kind"), parts, strict=True)))
 
 
 @inner

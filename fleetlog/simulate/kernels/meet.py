@@ -19,8 +19,7 @@ STANDS, ALONE, HINDERED = range(3)
 class Drives(NamedTuple):
     """(N,) nodes of all trips, those of a truck in order: ``SpeedProfile`` of one alone, when it leaves them.
 
-    (K + 1,) first nodes of trips, (K,) when a truck may leave, and how long it works after the arrival [s].
-    """
+    (K + 1,) first nodes of trips, (K,) when a truck may leave, and how long it works after arrival [s]."""
 
     distance: Floats
     speed: Floats
@@ -48,8 +47,7 @@ class State(NamedTuple):
 
     ``gate`` is the first that may be closed, ``clock`` the time since setting off where nobody hinders it,
     ``ready`` when it has done its last trip, ``waits`` how long it has stood for another [s]; ``goes_first``
-    -1: not decided; ``past`` (1,) how often one of two that stood for each other was let past.
-    """
+    -1: not decided; ``past`` (1,) how often one of two that stood for each other was let past."""
 
     trip: Ints
     gate: Ints

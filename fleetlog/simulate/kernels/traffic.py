@@ -53,9 +53,7 @@ def stop_ahead(r: Roads, f: Fleet, v: int, x: Limits, j: int, u: int, off: float
 @inner
 def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """The highest speed at the end of the step that keeps all limits, distances and stops ahead."""
-    row = x.cap[v] + (1 if f.load[v] > LADEN else 0)
-    plan = x.plan[v]
-    speed = f.v[v]
+    row, plan, speed = x.cap[v] + (1 if f.load[v] > LADEN else 0), x.plan[v], f.v[v]
     limit = cap_at(r, f.piece[v], f.s[v] + speed * dt, row)
     look = speed * speed / (2.0 * plan) + speed + 3.0 + x.length + x.gap
     off = -f.s[v]
