@@ -51,9 +51,8 @@ class EnergyChannel(Channel):
         self.metric = f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
         # Where power is measured, sampling hides nothing and free power by place says nothing.
         self.errors = [] if self.measured else list(ERRORS)
-        if (
-            self.power_step > LEAST_SWING
-        ):  # Rounding is off by any part of a step alike, of like trucks by the same
+        # Rounding is off by any part of a step alike, of like trucks by the same.
+        if self.power_step > LEAST_SWING:
             spread, vehicles = self.power_step / np.sqrt(12.0), (None, *range(len(self.fleet.vehicles)))
             self.errors += [ErrorSource("rounding", spread, vehicle=v) for v in vehicles]
         self.by_place = self.places is not None and not self.measured
@@ -63,10 +62,8 @@ class EnergyChannel(Channel):
         self.shelf.put(str(block.day), number, self._unit(block))
 
     def _unit(self, block: Block) -> Unit:
-        known, block = (
-            block.known,
-            replace(merged(block, self.fleet.interval.get(block.vehicle, 0.0)), known=None),
-        )
+        known = block.known
+        block = replace(merged(block, self.fleet.interval.get(block.vehicle, 0.0)), known=None)
         if self.measured:
             block = self._on_the_clock_of_charge(block)
         c = cut(block, self.seconds)
