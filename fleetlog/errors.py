@@ -85,8 +85,7 @@ MOST_NAMED = 40  # Known words that an error lists: all terms and kinds, not all
 def nearest(word: str, known: Iterable[str]) -> str:
     """``'did you mean X?'`` for the known word closest to ``word``, else the (first) known ones."""
     names = sorted(known)
-    close = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
-    if close:
+    if close := difflib.get_close_matches(word, names, n=1, cutoff=0.5):
         return f"did you mean {close[0]!r}?"
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return f"known are {', '.join(names[:MOST_NAMED])}{more}"

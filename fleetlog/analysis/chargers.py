@@ -65,8 +65,7 @@ def chargers(
     soc : state of charge at the start of the simulation."""
     if truck is None and (check or metric == "energy"):
         raise ArgumentError("--check and --metric energy need a truck", do="name one with --truck")
-    network = dataset.site.network
-    if network is None:
+    if (network := dataset.site.network) is None:
         what = "the dataset has no roads, and sites are chosen among road vertices"
         raise DataError(what, do="import it with --site")
     existing = tuple(p.id for p in dataset.site.places if p.kind == "charge") if keep_existing else ()

@@ -44,8 +44,7 @@ def density(
     step : time step [s].
     min_duration : ignore episodes shorter than this [s].
     include_standing : count parked, charging and handling trucks too."""
-    network = dataset.site.network
-    if network is None:
+    if (network := dataset.site.network) is None:
         what = "the dataset has no roads, and density needs driving distances"
         raise DataError(what, do="import it with --site")
     if dataset.alone:
@@ -67,13 +66,11 @@ def density(
     table = _episode_table(clusters, watched, network, found, rows)
     table["area"] = of.area_of(table, areas)
     over_time = of.timeline(clusters, watched, np.append(table["area"], -1)[episode], dataset.dates)
+    ways = zip(("moving_only", "all"), clusters.counts, strict=True)
     summary = {
         "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(watched.vehicles),
         "hours": watched.hours, "min_duration_s": min_duration,
-        "clusters": {
-            way: as_figures(counts, watched.seconds)
-            for way, counts in zip(("moving_only", "all"), clusters.counts, strict=True)
-        },
+        "clusters": {way: as_figures(counts, watched.seconds) for way, counts in ways},
         "used": "all" if include_standing else "moving_only",
         "episodes": len(found), "delay_s": float(rows.delay.sum()),
         "areas": areas.head(20).to_dict("records"),

@@ -53,8 +53,7 @@ def energy(
     physics = Physics(truck) if physics is None else physics
     asked = physics, battery_of(physics.actual_truck, chemistry), _sources(physics)
     days = each_day(dataset, _vehicle_day, *asked, kinds=(Book,), cost=ROW_COST)
-    books = [book for day in days for book in day]
-    if not books:
+    if not (books := [book for day in days for book in day]):
         raise DataError("no vehicle has two rows on one day")
     segments, stretches, zones, bins = (gathered(books, f.name) for f in fields(Book))
     # The dearest term first.

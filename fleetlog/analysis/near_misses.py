@@ -9,6 +9,7 @@ A truck is a capsule, ``length`` by ``width``: two discs at its ends stand for i
 Both need clocks that agree among the trucks."""
 
 from collections.abc import Iterator
+from itertools import product
 from typing import Annotated, Any
 
 import numpy as np
@@ -146,10 +147,8 @@ def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, wid
     a, b = np.sort(pairs[np.maximum(*speed[pairs].T) > MOVING], axis=1).T
     gap, relative = at[b] - at[a], ahead[b] * speed[b, None] - ahead[a] * speed[a, None]
     nose = 0.5 * (length - width)
-    times = [
-        time_to_contact(gap + nose * (j * ahead[b] - i * ahead[a]), relative, width)
-        for i in (-1.0, 1.0) for j in (-1.0, 1.0)
-    ]  # fmt: skip
+    ends = product((-1.0, 1.0), repeat=2)
+    times = [time_to_contact(gap + nose * (j * ahead[b] - i * ahead[a]), relative, width) for i, j in ends]
     soon = np.min(times, axis=0)
     rate = -(gap * relative).sum(axis=1) / np.maximum(np.hypot(*gap.T), 1e-9)
     keep = np.all([t >= 0.0 for t in times], axis=0) & (soon < most) & (rate >= closing)
@@ -177,9 +176,8 @@ def _angle(a: Floats, b: Floats) -> Floats:
 def _crossings(f: pd.DataFrame, most: float, length: float, shift: float) -> Floats:
     """(n, RAW) a truck comes to a spot soon after another one has left it, on a crossing way."""
     visits = _visits(f, length, shift)
-    cell, v, start, end, speed, x, y = (
-        visits[c].to_numpy() for c in ("cell", "vehicle", "step", "end", "speed", "x", "y")
-    )
+    columns = ("cell", "vehicle", "step", "end", "speed", "x", "y")
+    cell, v, start, end, speed, x, y = (visits[c].to_numpy() for c in columns)
     ahead = visits[["east", "north"]].to_numpy()
     wait = (start[1:] - end[:-1]) * STEP
     turn = _angle(ahead[:-1], ahead[1:])

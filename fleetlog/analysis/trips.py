@@ -25,8 +25,7 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
     Parameters
     ----------
     min_distance : shorter trips are shunting: counted, but left out of the means [m]."""
-    table = dataset.trips
-    if not len(table):
+    if not len(table := dataset.trips):
         raise DataError("the dataset has no trips", where=dataset.path)
     table = table.assign(from_place=_places(dataset, table, "start"), to_place=_places(dataset, table, "end"))
     real = table[table.distance >= min_distance]
@@ -102,8 +101,7 @@ def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
 
 def _places(dataset: Dataset, table: pd.DataFrame, end: str) -> list[str]:
     """Name of the site's place at the start or end of each trip, empty where there is none."""
-    places = dataset.site.places
-    if not places:
+    if not (places := dataset.site.places):
         return [""] * len(table)
     xy, spots = table[[f"x_{end}", f"y_{end}"]].to_numpy(float), np.array([[p.x, p.y] for p in places])
     gap = np.hypot(*(xy[:, None] - spots).transpose(2, 0, 1))

@@ -90,13 +90,11 @@ def state_bars(name: str, hours: pd.DataFrame) -> Bars:
 
 def states(dataset: Dataset) -> pd.DataFrame:
     """Intervals by vehicle: vehicle_id, state, start, end; they partition the time of each."""
-    activities = read_table(dataset, "activities")
-    if activities is not None:
+    if (activities := read_table(dataset, "activities")) is not None:
         named = activities.assign(state=activities["activity"].map(OF_ACTIVITY))
         named = named[named["end"] > named["start"]]
         return named[["vehicle_id", "state", "start", "end"]].reset_index(drop=True)
-    found = [intervals(t) for t in joined_days(dataset, COLUMNS)]
-    if not found:
+    if not (found := [intervals(t) for t in joined_days(dataset, COLUMNS)]):
         raise DataError("the dataset has no rows", where=dataset.path)
     return pd.concat(found, ignore_index=True)
 
@@ -171,8 +169,7 @@ def _handling(t: Trajectory, still: Mask, load: Floats) -> Mask:
     changes = np.abs(np.diff(load, prepend=load[:1])) > MIN_LOAD_CHANGE
     changes |= np.abs(np.diff(t.floats("fork_height"), prepend=np.nan)) > FORKS
     # A change shows in the first row after it: that of a truck that has set off again counts, too.
-    at = t.time[changes & (still | np.roll(still, 1))]
-    if not len(at):
+    if not len(at := t.time[changes & (still | np.roll(still, 1))]):
         return np.zeros(len(t), dtype=bool)
     after = np.searchsorted(at, t.time)
     near = [np.abs(t.time - at[np.clip(after + k, 0, len(at) - 1)]) for k in (-1, 0)]

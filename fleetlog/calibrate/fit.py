@@ -172,8 +172,7 @@ class _Problem:
         """The optimum with all but the free numbers at their prior."""
         from scipy.optimize import least_squares
 
-        axes = np.eye(len(UNKNOWNS))[free]
-        if not len(axes):
+        if not len(axes := np.eye(len(UNKNOWNS))[free]):
             return np.zeros(len(UNKNOWNS))
         low, high = self.low[free], self.high[free]
 

@@ -97,8 +97,7 @@ class PartOf:
 
 def seconds(value: Any) -> float:
     """``8h``, ``90m``, ``1.5h``, ``600`` (seconds), as seconds."""
-    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|m|min|h|d)?\s*", str(value))
-    if not found:
+    if not (found := re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|m|min|h|d)?\s*", str(value))):
         raise ValueError(f"{value!r} is not a duration; write 8h, 30m or 600s")
     duration = float(found[1]) * UNITS[found[2] or "s"]
     if duration > LONGEST:

@@ -86,8 +86,7 @@ class Trajectory:
 
     def has(self, name: str) -> bool:
         """Whether the column is there with at least one known value."""
-        values = self.columns.get(name)
-        if values is None:
+        if (values := self.columns.get(name)) is None:
             return False
         if isinstance(values, Labels):
             return bool((values.codes >= 0).any())
@@ -162,8 +161,7 @@ def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Ar
         return pa.repeat(pa.scalar(t.vehicle_id, kind), len(t)) if len(t) else pa.array([], kind)
     if column.name == "timestamp":
         return pa.array(t.time, pa.int64()).view(kind)
-    values = t.columns.get(column.name)
-    if values is None:
+    if (values := t.columns.get(column.name)) is None:
         return pa.nulls(len(t), kind)
     if column.kind == "int64":
         return _with_nulls(ints := np.asarray(values, dtype=np.int64), ints < 0)

@@ -114,8 +114,7 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
         own = judged.get(h, Errors(fit.metric, fit.before, fit.after, fit.p_value))
         findings.append(_finding(problem, found, h, where, when, scope, parameters, own))
     after = final.model
-    lost = channel.lost(after)
-    if lost is not None and others.counts(lost, settings):
+    if (lost := channel.lost(after)) is not None and others.counts(lost, settings):
         findings.append(others.of_lost(lost, channel, _with_traffic(problem, after, fit, lost.p_value)))
         values[findings[-1].term] = others.values(lost)
         after = after.with_field(findings[-1].term, others.values(lost).deviation)
@@ -187,12 +186,9 @@ def _hidden(asked: Task, floor: float | None) -> str | None:
 
 def _numbers(joint: Joint, error: Floats) -> dict[Knob, Parameter]:
     """Every number with its interval, by knob; a vehicle's own is told in full, not as a deviation."""
-    model = joint.model
-    return {
-        a.knob: interval(a.knob.definition, model.total(a.knob), e, a.knob.definition.nominal(model.truck))
-        for a, e in zip(joint.design.atoms, error, strict=True)
-        if a.knob is not None
-    }
+    model, atoms = joint.model, zip(joint.design.atoms, error, strict=True)
+    known = ((a.knob, a.knob.definition, e) for a, e in atoms if a.knob is not None)
+    return {k: interval(p, model.total(k), e, p.nominal(model.truck)) for k, p, e in known}
 
 
 def _values(problem: Problem, joint: Joint, known: Floats, h: Hypothesis) -> Values:

@@ -96,8 +96,7 @@ class Model:
 
     def with_field(self, term: str, deviation: Floats, when: Scope = FLEET) -> Model:
         """Return the model with one field set."""
-        fields = {**self.fields, term: deviation}
-        return replace(self, fields=fields, when={**self.when, term: when})
+        return replace(self, fields={**self.fields, term: deviation}, when={**self.when, term: when})
 
     def without(self, knobs: set[Knob], terms: set[str]) -> Model:
         """Return the model in which these knobs, and the fields of these terms, are nominal again."""

@@ -17,6 +17,7 @@ J = TypeVar("J")
 R = TypeVar("R")
 Name: TypeAlias = Callable[[J], str]
 Failure: TypeAlias = FleetlogError | OSError
+Outcomes: TypeAlias = Iterator[R | Failure]
 Tasks: TypeAlias = Sequence[Callable[[], object]]
 AHEAD = 4  # Jobs per worker that may be done before their turn; their results wait in memory
 PER_WORKER = 1 << 30  # Memory that is reckoned for a worker by default [bytes]
@@ -49,9 +50,7 @@ class Engine:
                 raise outcome
             yield outcome
 
-    def _done(
-        self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks
-    ) -> Iterator[R | Failure]:
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks) -> Outcomes[R]:
         """Results and errors, in the order of the jobs."""
         for task in beside:
             task()
@@ -139,9 +138,7 @@ class Cluster(Engine):
         """Always: who names a cluster wants it used."""
         return True
 
-    def _done(
-        self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks
-    ) -> Iterator[R | Failure]:
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks) -> Outcomes[R]:
         """The scheduler gives the jobs of a lost worker to others. With tasks ``beside`` all is done here."""
         if beside:
             yield from super()._done(work, jobs, name, beside)

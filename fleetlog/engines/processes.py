@@ -17,7 +17,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fleetlog import interrupt
-from fleetlog.engines import AHEAD, Engine, Failure, J, Name, R, Tasks, attempt
+from fleetlog.engines import AHEAD, Engine, Failure, J, Name, Outcomes, R, Tasks, attempt
 from fleetlog.errors import DataError
 
 START = 0.5  # Jobs that take less time than this in all are done here [s]
@@ -40,9 +40,7 @@ class Processes(Engine):
         worker = multiprocessing.current_process().daemon
         return self.workers > 1 and (self.always or cost > START) and not worker
 
-    def _done(
-        self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks
-    ) -> Iterator[R | Failure]:
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks) -> Outcomes[R]:
         """As the engine here gives them; at most ``AHEAD`` jobs per worker wait for their turn."""
         count = min(self.workers, len(jobs))
         if min(self.workers, count + len(beside)) < 2:
@@ -75,7 +73,7 @@ class Processes(Engine):
 
 def _run(
     work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int, beside: list[Callable[[], object]]
-) -> Iterator[R | Failure]:
+) -> Outcomes[R]:
     crew = dict(_start(work, name) for _ in range(count))
     busy: dict[Connection, int] = {}
     waiting, turn = list(range(len(jobs)))[::-1], 0
@@ -88,8 +86,7 @@ def _run(
                     busy[pipe] = waiting.pop()
                     with suppress(OSError):  # it died before: its end is seen below
                         pipe.send(jobs[busy[pipe]])
-            ready = wait(list(busy), 0 if beside else None)
-            if not ready:
+            if not (ready := wait(list(busy), 0 if beside else None)):
                 beside.pop(0)()
             for pipe in [p for p in crew if p in ready]:
                 number = busy.pop(pipe)

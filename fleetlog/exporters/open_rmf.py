@@ -10,6 +10,7 @@ from typing import Any
 from fleetlog.core.site import Place
 from fleetlog.exporters._lanes import lanes_of
 from fleetlog.exporters.base import Selection
+from fleetlog.roads.formats.open_rmf import MARKS
 
 LEVEL = "L1"
 
@@ -35,8 +36,5 @@ def _said(place: Place | None) -> dict[str, Any]:
     """What is said of a vertex; names are those of places, for robots are sent there by name."""
     if place is None:
         return {"name": ""}
-    marks: dict[str, dict[str, Any]] = {
-        "charge": {"is_charger": True}, "park": {"is_parking_spot": True},
-        "pick": {"pickup_dispenser": place.id}, "drop": {"dropoff_ingestor": place.id},
-    }  # fmt: skip
-    return {"name": place.id, **marks[place.kind]}
+    mark = next(mark for mark, kind in MARKS if kind == place.kind)
+    return {"name": place.id, mark: True if mark.startswith("is_") else place.id}

@@ -75,8 +75,7 @@ class Clock:
     def _dated(self, of_day: Ints) -> Ints:
         """Times of day on the days from the profile's origin; a date is never made up."""
         if self.days is None:
-            origin = self.profile.time_origin
-            if origin is None:
+            if (origin := self.profile.time_origin) is None:
                 do = 'name a column of dates too, or state the first day: [time] origin = "2026-03-02"'
                 raise FormatError("the times are times of day without a date", where=self.path, do=do)
             here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
@@ -85,8 +84,7 @@ class Clock:
 
     def _decide(self, cells: pa.Array) -> str:
         """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""
-        sample = cells.drop_null().slice(0, 1000)
-        if not len(sample):
+        if not len(sample := cells.drop_null().slice(0, 1000)):
             return ""
         figures, _ = numbers(sample)
         if np.isfinite(figures).mean() > 0.5:
@@ -153,22 +151,19 @@ _DEGREES = re.compile(
 def numbers(cells: pa.Array, decimal: str = ".") -> tuple[Floats, Mask]:
     """Values of text cells, NaN where empty or ``nan``, and which cells are no numbers (infinity is none)."""
     text = pc.utf8_trim_whitespace(cells)
-    if decimal != ".":
-        text = pc.replace_substring(text, decimal, ".")
+    text = text if decimal == "." else pc.replace_substring(text, decimal, ".")
     good = pc.fill_null(pc.match_substring_regex(text, _NUMBER), False)
     kept = pc.if_else(good, pc.replace_substring_regex(text, r"^\+", ""), pa.scalar(None, pa.string()))
     values = np.array(kept.cast(pa.float64()).fill_null(np.nan), dtype=np.float64)
     nan = pc.fill_null(pc.match_substring_regex(text, "(?i)^[+-]?nan$"), False)
-    empty = pc.fill_null(pc.equal(text, ""), True)
-    return values, ~np.asarray(pc.or_(pc.or_(good, nan), empty))
+    return values, ~np.asarray(pc.or_(pc.or_(good, nan), pc.fill_null(pc.equal(text, ""), True)))
 
 
 def degrees(cells: pa.Array, decimal: str = ".") -> tuple[Floats, Mask]:
     """Degrees of cells as ``49.977``, ``49 58.614 N`` or ``49°58'36.8"N``, and which cells are neither."""
     values, bad = numbers(cells, decimal)
     for row in np.flatnonzero(bad).tolist():
-        value = one_angle(str(cells[row].as_py()).replace(decimal, "."))
-        if value is not None:
+        if (value := one_angle(str(cells[row].as_py()).replace(decimal, "."))) is not None:
             values[row], bad[row] = value, False
     return values, bad
 

@@ -189,8 +189,7 @@ def cut(data: Any, at: int, head: struct.Struct) -> tuple[Any, int]:
 
 def refuse_packed(path: Path) -> None:
     """Raise where the whole file is packed: formats that are read by seeking must be unpacked first."""
-    packing = compression(path)
-    if packing is not None:
+    if (packing := compression(path)) is not None:
         tool = _PACKED.get(path.suffix.lower(), packing + " -d")
         what, do = f"the whole file is packed with {packing}", f"unpack it first: {tool} {path.name}"
         raise FormatError(what, where=path, do=do)

@@ -74,8 +74,7 @@ class Profile:
     @property
     def origin(self) -> int:
         """``time_origin`` in microseconds since 1970 UTC, 0 where there is none."""
-        given = self.time_origin
-        if given is None:
+        if (given := self.time_origin) is None:
             return 0
         return microseconds(given if given.tzinfo else given.replace(tzinfo=self.zone or UTC))
 

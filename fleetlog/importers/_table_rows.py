@@ -17,6 +17,7 @@ from fleetlog.importers._units import KINDS
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject
 
 Masks = dict[str, Mask]
+Texts = Callable[[list[int]], list[str]]
 _MUST = (*GEOGRAPHIC, *LOCAL)
 """A row whose position is not a number is refused; of other columns only the value is."""
 
@@ -36,9 +37,8 @@ class TableRows:
         """Whether an own column holds figures; it is not known before its first value."""
 
     def batch(
-        self, table: pa.Table, record: Ints, texts: Callable[[list[int]], list[str]],
-        rejects: list[Reject], progress: float,
-    ) -> RawBatch:  # fmt: skip
+        self, table: pa.Table, record: Ints, texts: Texts, rejects: list[Reject], progress: float
+    ) -> RawBatch:
         """The rows of a table by their numbers; ``texts`` gives those of some of them as they are written."""
         bad: Masks = {}
         columns = self._columns(table, bad)
@@ -128,9 +128,7 @@ class TableRows:
         return Labels(codes, tuple(found))
 
 
-def _refused(
-    record: Ints, which: Mask, why: str, texts: Callable[[list[int]], list[str]], whole: bool = True
-) -> list[Reject]:
+def _refused(record: Ints, which: Mask, why: str, texts: Texts, whole: bool = True) -> list[Reject]:
     gone = record[which].tolist()
     return [Reject(n, why, text[:REJECT_TEXT], whole) for n, text in zip(gone, texts(gone), strict=True)]
 

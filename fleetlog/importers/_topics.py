@@ -77,8 +77,7 @@ class Transforms:
     def _pose(self, link: Link, vehicle: str) -> Sample:
         pose, frame = link.pose, link.parent
         for _ in range(DEEPEST):
-            above = self._links.get(frame)
-            if above is None:
+            if (above := self._links.get(frame)) is None:
                 values = dict(zip("xyz", pose[:3, 3].tolist(), strict=True))
                 values |= {"heading": math.atan2(pose[1, 0], pose[0, 0]), "map_id": frame}
                 return Sample(link.stamp, values, vehicle=vehicle)
@@ -133,8 +132,7 @@ def plan(
         first = kind.is_position and taken.setdefault(vehicle, topic.name) == topic.name
         roles[topic.name] = Role(vehicle, kind.decode[topic.encoding], first)
         report.recognised[topic.name] = f"{kind.meaning}, of {vehicle}"
-    unused = [t for t in topics if t.name not in roles and t not in wanted]
-    if unused:
+    if unused := [t for t in topics if t.name not in roles and t not in wanted]:
         report.note(f"{count(len(unused), 'topic')} without position or battery left out: {listed(unused)}")
     return roles
 
@@ -190,8 +188,7 @@ class Decoder:
     def feed(self, topic: str, time: int, data: Any) -> None:
         """One message, received at ``time`` [us]; :meth:`ready` follows now and then."""
         self.record += 1
-        role = self.roles.get(topic)
-        if role is None:
+        if (role := self.roles.get(topic)) is None:
             return
         try:
             decoded = role.decode(data)

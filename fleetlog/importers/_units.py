@@ -51,8 +51,7 @@ def find_unit(text: str, kind: str) -> Unit | None:
 def unit(text: str, column: str, where: str | None = None) -> Unit:
     """The unit that a user wrote for ``column``; :class:`InputError` names those that it can have."""
     kind = KINDS[column]
-    found = find_unit(text, kind)
-    if found is None:
+    if (found := find_unit(text, kind)) is None:
         do = nearest(text, [u.name for u in UNITS if u.kind == kind])
         raise InputError(f"{text!r} is no unit of {kind}", where=where, place=column, do=do)
     return found
@@ -97,8 +96,7 @@ def normal(name: str) -> str:
 
 def recognise(name: str) -> Meaning | None:
     """What the column called ``name`` is, or None where its name does not say."""
-    bracket = _BRACKETS.match(name)
-    if bracket:
+    if bracket := _BRACKETS.match(name):
         return _with_unit(normal(bracket[1]), bracket[2])
     whole = normal(name)
     if whole in _BY_SPELLING:
@@ -116,8 +114,7 @@ def _plain(spelling: str, *, exact: bool = False) -> Meaning:
 
 
 def _with_unit(spelling: str, text: str) -> Meaning | None:
-    column = _BY_SPELLING.get(spelling)
-    if column is None:
+    if (column := _BY_SPELLING.get(spelling)) is None:
         return None
     if column == "timestamp":
         epoch = _EPOCH_ALIASES.get(normal(text))

@@ -157,8 +157,7 @@ def _fits(importer: Importer, path: Path, head: bytes) -> bool:
 
 def detect(path: Path) -> Importer:
     """The format of ``path``, or an error that says what the file looks like."""
-    importer = find(path)
-    if importer is None:
+    if (importer := find(path)) is None:
         do = f"name it with --format: {', '.join(sorted(importers()))}"
         if path.suffix.lower() in (".xlsx", ".xls", ".ods"):
             do = "save its sheet as CSV"

@@ -70,8 +70,7 @@ class _Carla(Records):
 
     def _places(self, data: bytes, number: int) -> None:
         for actor, x, y, z, _, _, yaw in _PLACE.iter_unpack(data[2:]):
-            name = self._names.get(actor)
-            if name is None:
+            if (name := self._names.get(actor)) is None:
                 continue
             values = {"x": x * CENTIMETRE, "y": -y * CENTIMETRE, "z": z * CENTIMETRE}
             values["heading"] = math.remainder(-math.radians(finite(yaw)), math.tau)

@@ -83,8 +83,7 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
         raise FormatError("the file has no rows", where=path, do="give a log with rows")
     lines = [line, *islice(every, SAMPLE)]
     delimiter = profile.delimiter or declared or find_delimiter(lines[:20])
-    names = list(profile.names)
-    if not names:
+    if not (names := list(profile.names)):
         names = cells_of(lines.pop(0), delimiter)
         _check_header(names, path, skip + 1)
         skip += 1

@@ -131,8 +131,7 @@ class _GeoJson(Records):
         sources = (properties, inner if isinstance(inner, dict) else {})
         given = (source.get(name) for source in sources for name in TIMES)
         times = next((times for times in given if isinstance(times, list)), [])
-        if times and not isinstance(times[0], list):
-            times = [times]
+        times = [times] if times and not isinstance(times[0], list) else times
         known = self._known({k: v for k, v in properties.items() if not isinstance(v, list | dict)})
         vehicle = self._vehicle(known, properties)
         for line, stamps in zip_longest(lines, times[: len(lines)]):

@@ -37,8 +37,7 @@ class _Kitti(Records):
 
     def take(self, record: tuple[bytes, bytes], number: int) -> None:
         line, stamp = record
-        pose = _pose(line)
-        if pose is None:
+        if (pose := _pose(line)) is None:
             self.rows.reject(number, "not twelve numbers with a rotation", line.decode("latin-1").strip())
             return
         try:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog.core.arrays import Floats
-from fleetlog.core.trajectory import Labels
+from fleetlog.core.trajectory import Labels, own_array
 from fleetlog.errors import FormatError
 from fleetlog.importers._fields import fields_of
 from fleetlog.importers._open import refuse_packed
@@ -129,8 +129,7 @@ def _plain(array: pa.Array) -> pa.Array:
     if codes.max(initial=-1) >= len(texts):
         raise pa.ArrowInvalid("a text that its dictionary does not have")
     order = Labels.of(texts)
-    codes = np.append(order.codes, np.int32(-1))[codes]
-    return pa.DictionaryArray.from_arrays(pa.array(codes, mask=codes < 0), pa.array(order.names, pa.string()))
+    return own_array(Labels(np.append(order.codes, np.int32(-1))[codes], order.names))
 
 
 def _named(vehicles: pa.Array, default: str) -> pa.Array:

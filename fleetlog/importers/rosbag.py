@@ -140,8 +140,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 
 def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
-    packed = [*path.glob("*.db3.zstd"), *path.glob("*.mcap.zstd")]
-    if packed:
+    if packed := [*path.glob("*.db3.zstd"), *path.glob("*.mcap.zstd")]:
         do = f"unpack them: zstd -d {packed[0].name}"
         raise FormatError("the bag's files are packed as a whole", where=path, do=do)
     description = path / "metadata.yaml"
@@ -151,8 +150,7 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     if mode := _PACKING.search(about):
         what = f"the bag is packed {mode[1].lower()} by {mode[1].lower()}"
         raise FormatError(what, where=path, do="convert it with ros2 bag convert to plain storage")
-    files = sorted(path.glob("*.mcap"))
-    if not files:
+    if not (files := sorted(path.glob("*.mcap"))):
         yield from _ros2(path, options)
         return
     whole, errors = 0, []

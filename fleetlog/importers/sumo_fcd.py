@@ -45,9 +45,7 @@ class _Fcd(Elements):
             decimals = min(len((attributes.get(k) or "").partition(".")[2]) for k in ("x", "y"))
             self._geographic = decimals >= 5 and abs(x) <= 180.0 and abs(y) <= 90.0
         seconds = finite(step.get("time") if step is not None else None)
-        rows, names = self.rows, LOCAL
-        if self._geographic:
-            rows, names = self.tables[1], GEOGRAPHIC[::-1]
+        rows, names = (self.tables[1], GEOGRAPHIC[::-1]) if self._geographic else (self.rows, LOCAL)
         if not abs(seconds) < 1e12:
             rows.reject(number, "step without a time", dict(attributes))
             return

@@ -144,8 +144,7 @@ def _first(message: Message, *names: str) -> dict[str, Any] | None:
 def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
     """``theta`` is the contract's heading; the speed is the length of the vehicle's own velocity."""
     values: dict[str, Any] = {"x": finite(position.get("x")), "y": finite(position.get("y"))}
-    theta = finite(position.get("theta"))
-    values["heading"] = math.remainder(theta, math.tau) if theta == theta else NAN
+    values["heading"] = math.remainder(finite(position.get("theta")), math.tau)
     values["speed"] = NAN
     if isinstance(velocity, dict) and ("vx" in velocity or "vy" in velocity):
         values["speed"] = math.hypot(finite(velocity.get("vx", 0.0)), finite(velocity.get("vy", 0.0)))

@@ -106,8 +106,7 @@ def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
     index = np.arange(len(x))
     for _ in range(20):  # each pass takes the shortest stays; real logs are done after two or three
         step = np.hypot(np.diff(x[index]), np.diff(y[index]))
-        breaks = np.flatnonzero(step > MAX_SPEED * np.diff(t[index]) + JUMP_MARGIN) + 1
-        if not len(breaks):
+        if not len(breaks := np.flatnonzero(step > MAX_SPEED * np.diff(t[index]) + JUMP_MARGIN) + 1):
             break
         size = np.diff(breaks, prepend=0, append=len(index))
         short = (size < SHORT_JUMP) & (size < np.maximum(np.append(size[1:], 0), np.append(0, size[:-1])))

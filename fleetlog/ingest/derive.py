@@ -42,8 +42,7 @@ def derive_power(rows: Trajectory) -> Trajectory:
     """Battery power [W] as voltage times current, where the log has both and no power."""
     if not (rows.has("battery_voltage") and rows.has("battery_current")):
         return rows
-    power = rows.floats("battery_voltage") * rows.floats("battery_current")
-    return _completed(rows, "battery_power", power)
+    return _completed(rows, "battery_power", rows.floats("battery_voltage") * rows.floats("battery_current"))
 
 
 def _completed(rows: Trajectory, name: str, values: Floats) -> Trajectory:

@@ -120,8 +120,7 @@ def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajecto
     columns: dict[str, Values] = {}
     for name, values in batch.columns.items():
         columns[_own_name(name, batch.columns.keys() | columns.keys(), report)] = values
-    columns[FILE] = np.full(len(batch), float(number))
-    columns[RECORD] = batch.record.astype(np.float64)
+    columns |= {FILE: np.full(len(batch), float(number)), RECORD: batch.record.astype(np.float64)}
     if not batch.has_position:
         columns[CHANNEL] = np.ones(len(batch))
     codes, names = batch.vehicle.codes, batch.vehicle.names

@@ -123,8 +123,7 @@ def _edges(slips: Sequence[Slip]) -> list[int]:
 
 def _save(rows: Trajectory, path: Path) -> None:
     columns = {"timestamp": pa.array(rows.time)}
-    for name, values in rows.columns.items():
-        columns[name] = own_array(values) if isinstance(values, Labels) else pa.array(values)
+    columns |= {n: own_array(v) if isinstance(v, Labels) else pa.array(v) for n, v in rows.columns.items()}
     feather.write_feather(pa.table(columns), str(path), compression="uncompressed")
 
 

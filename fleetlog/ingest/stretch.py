@@ -146,8 +146,7 @@ class VehicleImport:
     def _derive(self, rows: Trajectory) -> Trajectory:
         rows = clean.unstick(derive.fill_positions(rows))
         full = derive.derive_power(derive.derive_motion(rows))
-        made = [n for n in ("speed", "heading", "battery_power") if full.has(n) and not rows.has(n)]
-        if made:
+        if made := [n for n in ("speed", "heading", "battery_power") if full.has(n) and not rows.has(n)]:
             known = self.out.derived.setdefault(rows.vehicle_id, [])
             known += [n for n in made if n not in known]
         return full
@@ -205,7 +204,6 @@ def has_edges(rows: Trajectory, network: Network) -> bool:
 
 def _cut(trips: Ints) -> int:
     """Rows to write now: up to the last trip's beginning, or within it beyond memory."""
-    begins = np.flatnonzero(np.diff(trips)) + 1
-    if len(begins):
+    if len(begins := np.flatnonzero(np.diff(trips)) + 1):
         return int(begins[-1])
     return max(len(trips) - OVERLAP, 0) if len(trips) > 2 * WINDOW_ROWS else 0

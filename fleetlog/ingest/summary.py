@@ -170,8 +170,7 @@ def added_up(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
     rows = [s.get("rows", 0) if s.get("matched") is not None else 0 for s in (old, new)]
     if all(rows):
         out["matched"] = (old["matched"] * rows[0] + new["matched"] * rows[1]) / sum(rows)
-    spans = [s for s in (old, new) if s.get("start") is not None]
-    if spans:
+    if spans := [s for s in (old, new) if s.get("start") is not None]:
         out["start"], out["end"] = min(s["start"] for s in spans), max(s["end"] for s in spans)
     return out
 

@@ -96,8 +96,7 @@ def _driven(dataset: Dataset) -> tuple[Driven, float]:
                 noises.append(noise)
                 yield track
 
-    cells = gather(tracks())
-    if not len(cells):
+    if not len(cells := gather(tracks())):
         raise DataError("has no row in which a truck with a position moves", where=dataset.path,
                         do="import logs with positions")  # fmt: skip
     return cells, float(np.median(noises))
@@ -113,9 +112,7 @@ def described(found: Roads, noise: float) -> Network:
     free = [float((np.searchsorted(b, FREE * b[-1]) + 1) * SPEED_STEP) for b in below]
     limits = [math.nan if b[-1] < FEW else v for b, v in zip(below, free, strict=True)]
     # Of the floor that trucks' middles cover, or twice the gap between both directions' lines.
-    apart = [
-        2.0 * float(np.ptp(fit.left)) if pair else 1.0 for fit, pair in zip(found.fits, both, strict=True)
-    ]
+    apart = [2.0 * float(np.ptp(f.left)) if pair else 1.0 for f, pair in zip(found.fits, both, strict=True)]
     ways = zip(found.fits, both | found.forth, both | ~found.forth, apart, strict=True)
     widths = [round(max(fit.covered(np.array(way), noise), gap, 1.0), 2) for fit, *way, gap in ways]
     told = zip(n.edges(), names, limits, widths, strict=True)

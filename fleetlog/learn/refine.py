@@ -177,8 +177,7 @@ def _node(arms: list[Floats]) -> Floats:
         return old
     matrix, value = PULL * np.eye(2), PULL * old
     for arm in arms:
-        line = _entry(arm)
-        if line is None:
+        if (line := _entry(arm)) is None:
             continue
         point, direction = line
         across = np.eye(2) - np.outer(direction, direction)

@@ -196,8 +196,7 @@ def _senses(graph: list[Chain], cells: Driven) -> Mask:
 
 def _fitted(graph: list[Chain], senses: Mask, cells: Driven) -> list[Fit]:
     """The chains that are driven, on their traces."""
-    some = np.flatnonzero(senses.any(axis=1))
-    if not len(some):
+    if not len(some := np.flatnonzero(senses.any(axis=1))):
         raise DataError("shows no road that was driven from end to end", do="record for longer")
     return refined([graph[k] for k in some], senses[some], cells, REACH)
 

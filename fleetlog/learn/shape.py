@@ -132,8 +132,7 @@ def _turning_point(c: Chain, near: float) -> int:
     passed = way(c.points)
     i, j = cKDTree(c.points).query_pairs(near, output_type="ndarray").reshape(-1, 2).T
     driven = np.abs(passed[j] - passed[i])
-    beside = np.flatnonzero(driven > BACK * near)
-    if not len(beside):
+    if not len(beside := np.flatnonzero(driven > BACK * near)):
         return 0
     k = beside[np.argmin(driven[beside])]
     at = int(np.searchsorted(passed, 0.5 * (passed[i[k]] + passed[j[k]])))

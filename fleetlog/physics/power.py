@@ -143,13 +143,8 @@ class Physics:
     @cached_property
     def actual_truck(self) -> Truck:
         """The truck with every value that a term replaces."""
-        keys = [
-            (term.by_name[name].truck_key, float(value))
-            for term in self.active
-            for name, value in self.values.get(term.name, {}).items()
-            if term.by_name[name].truck_key
-        ]
-        return _with_values(self.truck, tuple(keys))
+        given = ((t.by_name[name], v) for t in self.active for name, v in self.values.get(t.name, {}).items())
+        return _with_values(self.truck, tuple((p.truck_key, float(v)) for p, v in given if p.truck_key))
 
     def actual_motion(self, motion: Motion) -> Motion:
         """The motion with the load that acts, where a term replaces it."""
@@ -204,11 +199,8 @@ def acting(
     motion: Motion, truck: Truck, physics: Physics, acts: str, given: Values = MappingProxyType({})
 ) -> ByTerm:
     """The same of a physics without own values, for its actual motion and truck."""
-    return {
-        t.name: t.function(motion, truck, {**physics.values_along(t, motion), **given})
-        for t in physics.active
-        if t.acts == acts and t.function is not None
-    }
+    terms = ((t, t.function) for t in physics.active if t.acts == acts and t.function is not None)
+    return {t.name: f(motion, truck, {**physics.values_along(t, motion), **given}) for t, f in terms}
 
 
 def battery_power(motion: Motion, physics: Physics) -> Floats:

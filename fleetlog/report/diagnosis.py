@@ -112,9 +112,8 @@ def _pictures(result: Result, site: Site) -> list[Picture]:
     words = {"worst trip": "Power on the trip that the model missed most"}
     kinds = (Grid, Series) if site.network is None else (Grid, Series, EdgeValues)
     drawn = [s for s in result.shapes if isinstance(s, kinds)]
-    pictures = [svg(result, site, s, salt=s.name, scale=scales.get(s.name)) for s in drawn]
-    captions = [words.get(s.name, s.name.capitalize()) for s in drawn]
-    return [Picture(*pair) for pair in zip(pictures, captions, strict=True)]
+    pictures = ((s.name, svg(result, site, s, salt=s.name, scale=scales.get(s.name))) for s in drawn)
+    return [Picture(picture, words.get(name, name.capitalize())) for name, picture in pictures]
 
 
 def _share(value: float | None) -> str:

@@ -189,8 +189,7 @@ def _energy(facts: Facts) -> Ledger:
 
 def tasks_done(dataset: Dataset) -> pd.DataFrame:
     """vehicle_id and start: when each task was done; in a recording, when a load was set down."""
-    tasks = read_table(dataset, "tasks")
-    if tasks is not None:
+    if (tasks := read_table(dataset, "tasks")) is not None:
         done = tasks[tasks["status"] == "done"]
         return done[["vehicle_id", "dropped"]].rename(columns={"dropped": "start"})
     stands = find_stands(dataset)

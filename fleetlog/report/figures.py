@@ -154,8 +154,7 @@ def page_table(rows: list[Row], names: list[str]) -> Table:
 
 def _told(row: Row) -> list[str]:
     """The difference, and whether it is more than chance."""
-    d = row.difference
-    if d is None:
+    if (d := row.difference) is None:
         return [row.signed(row.values[-1] - row.values[0]), ""]
     if not any(row.values):
         return ["–", ""]
@@ -177,8 +176,7 @@ def changes(rows: list[Row], names: list[str]) -> list[str]:
                 by = f" by {abs(second - first):.1f} percentage points"
             way = f"{how}{by}, from {a} in {names[0]} to {b} in {names[1]}"
             out.append(f"{row.figure.label} {way} ({row.difference.chance}).")
-    judged = sum(row.difference is not None for row in rows)
-    if not judged:
+    if not (judged := sum(row.difference is not None for row in rows)):
         return ["There are too few truck days to tell differences from chance: each dataset needs four."]
     if not out:
         return [f"None of {judged} figures differs by more than chance."]

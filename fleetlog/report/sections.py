@@ -77,8 +77,7 @@ def work(f: Facts) -> Part:
         part.blocks.append(picture(f, curve, "Tasks done in each hour"))
     if "trips" in f.results:
         pairs = f.results["trips"].tables["pairs"]
-        named = pairs[(pairs["from_place"] != "") & (pairs["to_place"] != "")]
-        if len(named):
+        if len(named := pairs[(pairs["from_place"] != "") & (pairs["to_place"] != "")]):
             part.blocks.append(table(named, "flows", "Most frequent trips between places", most=10))
     return part
 
@@ -171,16 +170,14 @@ def charge(f: Facts) -> Part:
     """State of charge and charging, by truck."""
     days: dict[str, list[pd.Series]] = {}
     for t in f.dataset.days(("soc",)):
-        known = pd.Series(t.floats("soc"), index=t.time // STEP * STEP).dropna()
-        if len(known):
+        if len(known := pd.Series(t.floats("soc"), index=t.time // STEP * STEP).dropna()):
             days.setdefault(t.vehicle_id, []).append(known.groupby(level=0).last())
     if not days:
         return Part(["The log has no state of charge."])
     soc = pd.DataFrame({name: pd.concat(own) for name, own in days.items()})
     trucks = _charge_table(f, soc)
-    drawn = soc if len(days) <= FEW else pd.DataFrame(
-        {"lowest": soc.min(axis=1), "median": soc.median(axis=1), "highest": soc.max(axis=1)}
-    )  # fmt: skip
+    fleet = {"lowest": soc.min(axis=1), "median": soc.median(axis=1), "highest": soc.max(axis=1)}
+    drawn = soc if len(days) <= FEW else pd.DataFrame(fleet)
     curves = {str(name): 100.0 * drawn[name].to_numpy(float) for name in drawn}
     x = np.asarray(drawn.index, np.int64)
     course = Series("state of charge", x, curves, "time", "state of charge [%]", over_time=True)
@@ -227,9 +224,8 @@ def _imported(dataset: Dataset) -> list[str]:
     if dataset.kind == "simulated":
         return ["The data are simulated: nothing is missing and nothing was rejected."]
     out = [f"{count(dataset.rows, 'row')} of {count(len(s.get('files') or []), 'file')}."]
-    for key, what in (("rejected", "row"), ("rejected_values", "value")):
-        if why := s.get(key):
-            out.append(f"{count(sum(why.values()), what)} rejected ({reasons(why)}).")
+    rejected = ((s.get("rejected"), "row"), (s.get("rejected_values"), "value"))
+    out += [f"{count(sum(why.values()), what)} rejected ({reasons(why)})." for why, what in rejected if why]
     if s.get("matched") is not None:
         out.append(f"{100.0 * float(s['matched']):.1f} % of the rows are on a road.")
     return out

@@ -132,9 +132,8 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     steps = np.diff(_mean(travelled, first)) if len(travelled) else np.full(len(chord), np.nan)
     moved = np.where(np.isfinite(steps), steps, np.sqrt(np.maximum(chord**2 - blur, 0.0)))
     # a heading may point against the motion, so only its axis counts
-    return Groups(
-        first, t, x, y, np.append(moved, 0.0), _axis(track.heading, first), still, track.chain[first[:-1]]
-    )
+    axis = _axis(track.heading, first)
+    return Groups(first, t, x, y, np.append(moved, 0.0), axis, still, track.chain[first[:-1]])
 
 
 def _mean(values: Floats, first: Ints) -> Floats:

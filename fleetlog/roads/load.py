@@ -40,8 +40,7 @@ def _polygon(value: Any) -> Floats:
 
 def _clock(value: Any) -> float:
     """A time of day such as "09:30" [s]."""
-    found = re.fullmatch(r"([01]?\d|2[0-3]):([0-5]\d)", schema.text(value))
-    if not found:
+    if not (found := re.fullmatch(r"([01]?\d|2[0-3]):([0-5]\d)", schema.text(value))):
         raise schema.Wrong('is no time of day such as "09:30"')
     return 3600.0 * int(found[1]) + 60.0 * int(found[2])
 
@@ -260,10 +259,8 @@ def _moved(road_map: RoadMap, x: Floats, y: Floats) -> RoadMap:
         what = f"the roads are {away / 1000.0:.0f} km from the site's frame"
         raise SiteError(what, do="correct [frame] or give another map")
     *lines, stops = np.split(np.column_stack([x, y]), np.cumsum([len(e.points) for e in road_map.edges]))
-    edges = [
-        replace(e, points=np.column_stack([line, e.points[:, 2]]))
-        for e, line in zip(road_map.edges, lines, strict=True)
-    ]
+    moved = zip(road_map.edges, lines, strict=True)
+    edges = [replace(e, points=np.column_stack([line, e.points[:, 2]])) for e, line in moved]
     spots = zip(road_map.places, stops.tolist(), strict=True)
     return replace(road_map, edges=edges, places=tuple(replace(p, x=a, y=b) for p, (a, b) in spots))
 

@@ -170,8 +170,7 @@ class Dataset:
     def days(self, columns: Sequence[str] | None = None, only: Sequence[str] = ()) -> Iterator[Trajectory]:
         """One trajectory per vehicle (all, or ``only`` these) and day, vehicle by vehicle: bounded memory."""
         for vehicle, date in product(only, self.dates) if only else self.vehicle_days:
-            trajectory = self.read(vehicle, date, columns)
-            if len(trajectory):
+            if len(trajectory := self.read(vehicle, date, columns)):
                 yield trajectory
 
 

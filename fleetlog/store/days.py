@@ -105,8 +105,7 @@ def each_part(
     cost *= dataset.rows * len(missing) / max(len(parts), 1)
     job = update_wrapper(partial(_answer, dataset, work, arguments, kept), work)
     new, place = {p.name for p in missing}, f"{dataset.path}/trajectories"
-    run = engines.current().run(job, missing, lambda part: f"{place}/{part.name}", cost=cost)
-    with closing(run) as made:
+    with closing(engines.current().run(job, missing, lambda part: f"{place}/{part.name}", cost=cost)) as made:
         for part in parts:
             out = next(made) if part.name in new else kept.find(part.name) if kept else None
             yield job(part) if out is None else out

@@ -95,8 +95,7 @@ def _array(values: Array | Labels | Lines, kind: str) -> pa.Array:
 
 def read_table(dataset: Dataset, name: Name, *, compact: bool = False) -> pd.DataFrame | None:
     """A table of a dataset, None where it has none; ``compact`` has texts as categories."""
-    entry = (dataset.meta.get("tables") or {}).get(name)
-    if entry is None:
+    if (entry := (dataset.meta.get("tables") or {}).get(name)) is None:
         return None
     path = dataset.path / str(entry["file"])
     labels = [c.name for c in TABLES[name] if c.kind == "label"] if compact else []

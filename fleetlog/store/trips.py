@@ -55,8 +55,7 @@ def trip_pieces(trajectory: Trajectory, vehicles: Sequence[str] | None = None) -
     ids = trajectory.trip_ids()
     new = np.diff(ids, prepend=ids[:1] - 1) != 0
     new[:: max(len(ids) // len(vehicles), 1)] = True
-    begin = np.flatnonzero(new)
-    if not len(begin):
+    if not len(begin := np.flatnonzero(new)):
         return {}
     end = np.append(begin[1:], len(ids)) - 1
     time, x, y = trajectory.time, trajectory.floats("x"), trajectory.floats("y")

@@ -102,8 +102,7 @@ def _experiment(asked: Asked, read: list[Path]) -> Answer:
         names = [f.name for f in factors]
         if double := {name for name in names if names.count(name) > 1}:
             raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", where="--vary")
-        result = experiment(bases, factors)
-        return keep(Answer.of(result, asked.site))
+        return keep(Answer.of(experiment(bases, factors), asked.site))
 
 
 def _fleet(asked: Asked, writer: DatasetWriter) -> Told:

@@ -166,8 +166,7 @@ def _log(path: Path) -> Figures:
             rows.update({batch.vehicle.names[c]: int(n) for c, n in zip(codes, counts, strict=True)})
         positions: dict[str, Any] = {name: batch.columns.get(name, ()) for name in (*GEOGRAPHIC, *LOCAL)}
         for name, values in {"time": batch.time, **positions}.items():
-            known = np.asarray(values)[np.isfinite(values)]
-            if len(known):
+            if len(known := np.asarray(values)[np.isfinite(values)]):
                 known = np.append(known, extent.get(name, known[:1]))
                 extent[name] = [known.min().item(), known.max().item()]
     if not rows:

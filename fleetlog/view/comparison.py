@@ -49,8 +49,7 @@ def write_comparison(
     a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED)
     b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, shift)
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
-    times = [*(spans[0] or ()), *(t + shift for t in spans[1] or ())]
-    if times:
+    if times := [*(spans[0] or ()), *(t + shift for t in spans[1] or ())]:
         screen.start, screen.duration = min(times), (max(times) - min(times)) * 1e-6
     text = "Recorded in orange, simulated in blue.\n"
     text += f"\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else ""

@@ -174,8 +174,7 @@ def _over_time(axes: Axes, x: Array, values: Floats, zone: str) -> tuple[Array, 
     steps = np.diff(local).astype("timedelta64[us]").astype(float)
     # A short step: of few points, or of short shifts, the median is a silence itself.
     usual = float(np.quantile(steps, 0.25, method="lower")) if len(steps) else 0.0
-    cut = np.flatnonzero(steps > min(SILENCE * usual, max(2.0 * usual, NIGHT)))
-    if not len(cut):
+    if not len(cut := np.flatnonzero(steps > min(SILENCE * usual, max(2.0 * usual, NIGHT)))):
         # These two classes of matplotlib carry no types.
         locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
         axes.xaxis.set_major_locator(locator)

@@ -137,10 +137,8 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
 
 def _log_marks(stream: Stream, path: str, marks: Marks) -> None:
     colour, hole = MARK_COLOURS[marks.kind], 0.0 if marks.kind == "charger" else 0.82
-    pads = [
-        (ribbons.disc(x, y, r, 0.09, inner=hole * r), colour)
-        for (x, y), r in zip(marks.xy, np.maximum(marks.size, 0.5).tolist(), strict=True)
-    ]
+    spots = zip(marks.xy, np.maximum(marks.size, 0.5).tolist(), strict=True)
+    pads = [(ribbons.disc(x, y, r, 0.09, inner=hole * r), colour) for (x, y), r in spots]
     stream.static(f"{path}/rings", ribbons.mesh3d(pads))
     where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
     points = rr.Points3D(

@@ -58,10 +58,8 @@ def _log_roads(stream: Stream, network: Network, site: Site) -> None:
         middle = shifted(line, (left + right) / 2.0)
         marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), 0.07), palette.ARROW))
     # Discs as wide as the widest road close the gaps between ribbons.
-    surface += [
-        (ribbons.disc(x, y, r, z + 0.008, corners=20), palette.ROAD)
-        for (x, y, z), r in zip(network.node_points, radius, strict=True)
-    ]
+    nodes = zip(network.node_points, radius, strict=True)
+    surface += [(ribbons.disc(x, y, r, z + 0.008, corners=20), palette.ROAD) for (x, y, z), r in nodes]
     stream.static("/site/roads/surface", ribbons.mesh3d(surface))
     lines = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=ui_points(0.6))
     stream.static("/site/roads/edges", lines)
@@ -83,8 +81,7 @@ def _log_buildings(stream: Stream, site: Site) -> None:
         stream.static(entity("site", "buildings", "walls", building.id), ribbons.mesh3d([sides], 40))
         posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
         foot, top = (ribbons.outline(outline, z) for z in (0.0, height))
-        frame = {"outlines": [foot], "frames": [top, *posts]}
-        for part, lines in frame.items():
+        for part, lines in {"outlines": [foot], "frames": [top, *posts]}.items():
             strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=ui_points(0.7))
             stream.static(entity("site", "buildings", part, building.id), strips)
 

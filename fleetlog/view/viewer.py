@@ -68,8 +68,7 @@ def show(rrd: Path) -> None:
         do = "run fleetlog view on a machine with one, or draw it here with --screenshot FILE.png"
         raise ViewerError("there is no screen here", do=do)
     command = [str(binary()), "--bind", "127.0.0.1", "--port", str(free_port()), str(rrd)]
-    status = subprocess.call(command, env=environment())
-    if status:
+    if status := subprocess.call(command, env=environment()):
         do = "see that its graphics driver works (vulkaninfo)"
         raise ViewerError(f"the viewer ended with status {status}", where=rrd, do=do)
 

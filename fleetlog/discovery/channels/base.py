@@ -210,12 +210,8 @@ class Channel(ABC):
 
     def adjustable(self) -> list[Knob]:
         """Return every knob with a tolerance: the fleet's that may be a little off."""
-        return [
-            Knob(t.name, p.name)
-            for t in self.terms()
-            for p in t.parameters
-            if p.allowance(self.fleet.truck) > 0.0 and not p.shape
-        ]
+        known = ((t, p) for t in self.terms() for p in t.parameters if not p.shape)
+        return [Knob(t.name, p.name) for t, p in known if p.allowance(self.fleet.truck) > 0.0]
 
     @cached_property
     def knots(self) -> dict[str, tuple[float, ...]]:
@@ -229,8 +225,7 @@ class Channel(ABC):
             for name, values in self.state(unit.own).items():
                 if name not in CODES:
                     pooled.setdefault(name, []).append(values[::4])
-        found = {n: knots_of(np.concatenate(v), n) for n, v in pooled.items()}
-        return {n: k for n, k in found.items() if k}
+        return {n: k for n, v in pooled.items() if (k := knots_of(np.concatenate(v), n))}
 
     def passes(self, term: Term | None) -> Ints:
         """Return how many windows that count touch each value of a field, or of places (None), (C,); none

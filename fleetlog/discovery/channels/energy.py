@@ -62,10 +62,8 @@ class EnergyChannel(Channel):
         self.shelf.put(str(block.day), number, self._unit(block))
 
     def _unit(self, block: Block) -> Unit:
-        known, block = (
-            block.known,
-            replace(merged(block, self.fleet.interval.get(block.vehicle, 0.0)), known=None),
-        )
+        known = block.known
+        block = replace(merged(block, self.fleet.interval.get(block.vehicle, 0.0)), known=None)
         if self.measured:
             block = self._on_the_clock_of_charge(block)
         c = cut(block, self.seconds)

@@ -134,9 +134,7 @@ class Evaluation:
         change = new - known[term.name] if active else new
         if term.acts == "force":
             return self._seen(self._driven(self.force + change) + self._beside) - self.power
-        if not self.charge:
-            return change
-        return self._seen(self._drawn + self._beside + change) - self.power
+        return self._seen(self._drawn + self._beside + change) - self.power if self.charge else change
 
 
 @dataclass
@@ -159,8 +157,7 @@ class EnergyAbout(About):
         low, high = sorted((parameter.scaled(parameter.low), parameter.scaled(parameter.high)))
         step = STEP * (high - low)
         step = -step if now + step > high else step
-        moved = {**dict(source.setting), parameter.name: parameter.value_of(now + step)}
-        change = self.e.change(term, moved)
+        change = self.e.change(term, {**dict(source.setting), parameter.name: parameter.value_of(now + step)})
         if source.setting and term.name in self.e.physics.values:
             change = change - self.e.change(term, dict(source.setting))
         elif self.e.physics.own:

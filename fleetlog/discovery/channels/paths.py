@@ -179,8 +179,7 @@ def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split, shar
 def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, length: float) -> Laid | None:
     """Lay out the legs of a day whose ends are known."""
     long = [v for v in drives if v.leg.whole and v.leg.distance[-1] >= SHORTEST]
-    found = [v for v in long if (v.leg.path.edge >= 0).all()]
-    if not found:
+    if not (found := [v for v in long if (v.leg.path.edge >= 0).all()]):
         return None
     parts = [v.leg for v in found]
     wait = np.array([v.wait for v in found])

@@ -6,7 +6,7 @@ honest, which must say what the best curve says, and they say what an unknown mi
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, product
 from typing import Literal
 
 import numpy as np
@@ -98,12 +98,8 @@ class FreeCurve:
             return
         parts = [(np.zeros(len(next(iter(state.values()))), np.int64), np.ones(1))]
         for name, knots in zip(self.variables, self.knots, strict=True):
-            left, right = _between(state[name], np.array(knots))
-            parts = [
-                (column * len(knots) + at, weight * share)
-                for column, weight in parts
-                for at, share in ((left[0], left[1]), (right[0], right[1]))
-            ]
+            ends = product(parts, _between(state[name], np.array(knots)))
+            parts = [(column * len(knots) + at, weight * share) for (column, weight), (at, share) in ends]
         yield from parts
 
 
@@ -211,9 +207,8 @@ def power_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> tuple
 
 def time_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> list[FreeCurve]:
     """Return the free curves of travel time: a share of it by each variable."""
-    out = [FreeCurve("time", ("heading",), (), 2)]
-    out += [FreeCurve("time", (name,), (k,)) for name, k in knots.items()]
-    return out + _by_class(("time",), vehicle_id=vehicles)
+    by_state = (FreeCurve("time", (name,), (k,)) for name, k in knots.items())
+    return [FreeCurve("time", ("heading",), (), 2), *by_state, *_by_class(("time",), vehicle_id=vehicles)]
 
 
 def _by_class(modes: tuple[Mode, ...], **counts: int) -> list[FreeCurve]:

@@ -103,10 +103,8 @@ def route(block: Block) -> Route | None:
     known = bool(m.payload.any() or m.fork_height.any())
     wait = np.array([leg.wait for leg in found])
     after = [leg.row[0] for leg in found[1:]] + [len(block) - 1]
-    purpose = [
-        not (w <= PURPOSE) or (known and _worked(block, leg.row[-1], n))
-        for leg, w, n in zip(found, wait, after, strict=True)
-    ]
+    pauses = zip(found, wait, after, strict=True)
+    purpose = [not (w <= PURPOSE) or (known and _worked(block, leg.row[-1], n)) for leg, w, n in pauses]
     errand = np.cumsum([0, *purpose[:-1]])
     return Route(block.vehicle, block.day, float(block.time[0]), tuple(found), wait, known, errand)
 

@@ -83,9 +83,8 @@ class _Look:
 def examine(fleet: Fleet, split: Split, only: tuple[str, ...] = ()) -> tuple[Fleet, list[Fault]]:
     """Return the fleet with its sensors put right, and the faults found; ``only`` restricts them by term."""
     faults: list[Fault] = []
-    terms: dict[str, Term] = {
-        t.fault: t for t in all_terms().values() if t.acts == "sensor" and (not only or t.name in only)
-    }
+    known = (t for t in all_terms().values() if t.acts == "sensor" and (not only or t.name in only))
+    terms: dict[str, Term] = {t.fault: t for t in known}
     if "scale" in terms and (found := _speed_scale(fleet, split, terms["scale"])):
         faults.append(found)
         fleet = replace(fleet, scale=found.off.by_vehicle)
@@ -107,8 +106,7 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, F
     shifts = {v: [k.value for k in ks] for v, ks in looks.items() if len(ks) >= 2}
     middle = {v: (float(np.median(s)), max(_spread(s), finest)) for v, s in shifts.items()}
     least = (terms["clock"].parameters[0].tolerance if "clock" in terms else 0.3) * max(1.0, 1.5 * fleet.step)
-    late = _off(middle, 0.0, least)
-    if late is None:
+    if (late := _off(middle, 0.0, least)) is None:
         return None
     every = [k for v in late.by_vehicle for k in looks[v]]
 
@@ -245,8 +243,7 @@ def _speed_scale(fleet: Fleet, split: Split, term: Term) -> Fault | None:
     # How trucks drive between rows is alike in all of them, and so is what the integral misses of it.
     missed = float(np.sqrt(np.mean([m**2 for _, _, m in found.values()]))) if found else 0.0
     errors = {v: (ratio, float(np.hypot(error, missed))) for v, (ratio, error, _) in found.items()}
-    off = _off(errors, 1.0, 1.5 * term.parameters[0].tolerance)
-    if off is None:
+    if (off := _off(errors, 1.0, 1.5 * term.parameters[0].tolerance)) is None:
         return None
     return Fault(term.name, "speed", "deviation of travelled distance", off, abs(off.value - 1.0), off.error)
 

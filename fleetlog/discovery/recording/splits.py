@@ -136,10 +136,8 @@ def passed_once(days: Sequence[Day], window: float) -> bool:
 
 def _moving(day: Day) -> Floats:
     """(5, n) place, time, speed and vehicle of rows in motion whose place is known."""
-    t = day.few
-    table = np.stack([
-        t.floats("x"), t.floats("y"), t.time * 1e-6, t.floats("speed"), np.full(len(t), float(day.vehicle)),
-    ])  # fmt: skip
+    x, y, speed = (day.few.floats(name) for name in ("x", "y", "speed"))
+    table = np.stack([x, y, day.few.time * 1e-6, speed, np.full(len(x), float(day.vehicle))])
     return np.asarray(table[:, np.isfinite(table).all(axis=0) & (table[3] > 0.0)])
 
 

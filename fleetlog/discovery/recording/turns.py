@@ -139,9 +139,7 @@ def _as_unladen(passes: dict[Way, list[Pass]]) -> dict[Way, list[Pass]]:
     bends = {way: abs(_angle(own)) >= BEND for way, own in passes.items()}
     ratios: dict[bool, list[float]] = {False: [], True: []}
     for way, own in passes.items():
-        empty, laden = (
-            [float(p.speed.min()) for p in own if p.laden == with_load] for with_load in (False, True)
-        )
+        empty, laden = ([float(p.speed.min()) for p in own if p.laden == loaded] for loaded in (False, True))
         if min(len(empty), len(laden)) >= FEWEST:
             ratios[bends[way]].append(float(np.median(laden) / np.median(empty)))
     change = {bend: np.median(found) if found else 1.0 for bend, found in ratios.items()}
@@ -194,10 +192,8 @@ def _dip(driven: Floats, truck: Truck, bends: tuple[Slow, ...]) -> tuple[Slow, .
     roads = (-BEFORE, BEFORE, float(np.nanmax(before))), (BEFORE, BEFORE, float(np.nanmax(behind)))
     known = np.min([beside(one) for one in (*roads, *bends)], axis=0)
     inner = (np.abs(PLACES) <= BEHIND) & (min([b[0] - b[1] for b in bends], default=CENTRE) > PLACES)
-    tried = [
-        (float(PLACES[k]), half, float(driven[k]))
-        for k in np.flatnonzero(inner & (driven < DIP * known)) for half in HALVES
-    ]  # fmt: skip
+    slow = np.flatnonzero(inner & (driven < DIP * known))
+    tried = [(float(PLACES[k]), half, float(driven[k])) for k in slow for half in HALVES]
     missed = [np.nansum((1.0 / np.minimum(known, beside(one)) - 1.0 / driven) ** 2) for one in tried]
     return (tried[int(np.argmin(missed))],) if tried else ()
 

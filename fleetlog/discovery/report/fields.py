@@ -75,9 +75,8 @@ def told(cells: Cells, v: Values, h: Hypothesis) -> tuple[dict[str, Any] | None,
 def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
     """The largest value of an odd field, corrected for being picked; of others the mean."""
     first = term.parameters[0]
-    draws = np.random.default_rng(0).multivariate_normal(
-        np.zeros(len(v.covariance)), v.covariance, DRAWS, method="eigh"
-    )
+    none, chance = np.zeros(len(v.covariance)), np.random.default_rng(0)
+    draws = chance.multivariate_normal(none, v.covariance, DRAWS, method="eigh")
     own, spread = v.deviation[mask], draws @ v.basis[mask].T
     if term.odd:
         largest = np.abs(own + spread).max(axis=1)
@@ -130,9 +129,8 @@ def as_field(cells: Cells, v: Values, term: Term) -> Field:
     first = term.parameters[0]
     if isinstance(cells, Stretches):
         known = np.flatnonzero(v.samples > 0)
-        middle, low, high = (
-            field_values(first, v.deviation[known] + s * NORMAL * v.error[known]) for s in (0.0, -1.0, 1.0)
-        )
+        own, half = v.deviation[known], NORMAL * v.error[known]
+        middle, low, high = (field_values(first, own + s * half) for s in (0.0, -1.0, 1.0))
         return stretches(
             cells.network, cells.road_edge[known], cells.start[known], cells.end[known], middle,
             np.minimum(low, high), np.maximum(low, high), v.samples[known],
@@ -141,9 +139,8 @@ def as_field(cells: Cells, v: Values, term: Term) -> Field:
     turns = np.angle(np.exp(0.25j * np.pi * np.arange(8 if term.odd else 1)))
     ways = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     parts = [v.along(np.tile(way, (len(cells), 1))) for way in ways] if term.odd else [v]
-    value, error, samples = (
-        np.concatenate([getattr(p, n) for p in parts]) for n in ("deviation", "error", "samples")
-    )
+    names = ("deviation", "error", "samples")
+    value, error, samples = (np.concatenate([getattr(p, n) for p in parts]) for n in names)
     value, half = first.neutral + value, NORMAL * error
     x, y = np.tile(cells.middle, (len(turns), 1)).T
     heading = np.repeat(turns, len(cells))

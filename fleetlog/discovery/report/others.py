@@ -72,5 +72,4 @@ def _where(lost: Lost, lanes: Stretches) -> dict[str, Any]:
         half = NORMAL * float(np.sqrt((lost.spread[run] ** 2).sum()))
         ends = max(seconds - half, 0.0) / time, (seconds + half) / time
         rows.append((seconds, row(lanes, run, seconds / time, *ends)))
-    ordered = [r for _, r in sorted(rows, key=lambda r: -r[0])]
-    return {"edges": ordered, "extent": extent(lanes.middle[keep])}
+    return {"edges": [r for _, r in sorted(rows, key=lambda r: -r[0])], "extent": extent(lanes.middle[keep])}

@@ -59,8 +59,7 @@ def _gathered(own: list[Own], vehicles: tuple[str, ...]) -> tuple[Own, ...]:
     """What vehicles have in common told once, of all where it is all."""
     alike: list[Own] = []
     for o in own:
-        same = [i for i, a in enumerate(alike) if replace(a, vehicles=o.vehicles) == o]
-        if same:
+        if same := [i for i, a in enumerate(alike) if replace(a, vehicles=o.vehicles) == o]:
             alike[same[0]] = replace(o, vehicles=(*(alike[same[0]].vehicles or ()), *(o.vehicles or ())))
         else:
             alike.append(o)

@@ -14,10 +14,11 @@ from fleetlog.discovery.report.finding import Finding, Parameter
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
+Told = dict[str, Any] | None  # A place or a scope as the contract writes it; None of all
 VARIABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 
-def place(where: dict[str, Any] | None) -> str:
+def place(where: Told) -> str:
     """Return on which roads, in a few words."""
     if not where:
         return "everywhere"
@@ -54,7 +55,7 @@ def _whom(scope: dict[str, Any]) -> str:
     return f"{text[:1].upper()}{text[1:]}: " if text else ""
 
 
-def _of(scope: dict[str, Any] | None, text: str) -> str:
+def _of(scope: Told, text: str) -> str:
     whom = _whom(scope) if scope else ""
     return f"{whom}{text[:1].lower()}{text[1:]}" if whom else text
 
@@ -64,9 +65,7 @@ def _said(moment: str) -> str:
     return f"{t.day} {t:%B %Y, %H:%M} UTC"
 
 
-def statement(
-    term: Term, parameters: list[Parameter], where: dict[str, Any] | None, scope: dict[str, Any] | None
-) -> str:
+def statement(term: Term, parameters: list[Parameter], where: Told, scope: Told) -> str:
     """Return the sentence of a term; a term without one gets a plain one."""
     given: dict[str, Any] = {p.name: p for p in parameters}
     for p in term.parameters:
@@ -82,8 +81,7 @@ def statement(
         )
         at = f" {place(where)}" if where else ""
         text = f"{term.statement[:1].upper()}{term.statement[1:]}{at}: {numbers}"
-    text = re.sub(r"(?<=\d)%", " %", text)
-    return _of(scope, text)
+    return _of(scope, re.sub(r"(?<=\d)%", " %", text))
 
 
 def advice(f: Finding) -> str:
@@ -98,9 +96,7 @@ def advice(f: Finding) -> str:
     return ". ".join(parts) or "Compare the trucks, places and hours that it follows"
 
 
-def unknown(
-    depends_on: Sequence[str], where: dict[str, Any] | None, scope: dict[str, Any] | None, drag: bool = False
-) -> str:  # fmt: skip
+def unknown(depends_on: Sequence[str], where: Told, scope: Told, drag: bool = False) -> str:
     """Return the sentence of a mismatch that no term explains; of one that is a ``drag`` of some trucks."""
     if drag and scope and scope["vehicles"]:
         return _of(scope, "A force acts whatever the load, as of a dragging brake; no known term explains it")

@@ -162,8 +162,7 @@ def gained(
         wide = list(_by_width(some))
         for (h, _, _), (square, paid) in zip(wide, model.gains(added, [w[1:] for w in wide]), strict=True):
             by_fold = 0.5 * square / problem.noise.design
-            cost = problem.price(h) + paid
-            yield Screened(h, float(by_fold.sum()) - cost, by_fold)
+            yield Screened(h, float(by_fold.sum()) - (problem.price(h) + paid), by_fold)
 
 
 def _by_width(tried: Sequence[tuple[Hypothesis, list[Atom]]]) -> Iterator[tuple[Hypothesis, slice, Prior]]:

@@ -54,9 +54,8 @@ class Design:
 
     def scaled(self, share: float) -> Design:
         """Return the design for a truck file that is as good as this share of its tolerances."""
-        return Design(tuple(
-            replace(a, precision=a.precision / share**2) if a.of_truck_file else a for a in self.atoms
-        ))  # fmt: skip
+        atoms = (replace(a, precision=a.precision / share**2) if a.of_truck_file else a for a in self.atoms)
+        return Design(tuple(atoms))
 
     def occam(self, normal: Normal, share: float) -> float:
         """Return what the share that it is scaled by costs: log width of the prior by number that is told."""

@@ -80,8 +80,7 @@ def _without(problem: Problem, joint: Joint, dropped: Hypothesis) -> Joint:
     for h in [h for h in left.chosen if h.setting]:
         if forms := _forms(problem, h):
             model = left.without(h)
-            sums = problem.sums(model, [*left.chosen, *forms])
-            chosen = formed(problem, sums, model, left.chosen, h)
+            chosen = formed(problem, problem.sums(model, [*left.chosen, *forms]), model, left.chosen, h)
             left = min(left, refit(problem, model, chosen, steps=2), key=lambda j: j.score)
     return left
 
@@ -95,7 +94,7 @@ def shaped(problem: Problem, found: Search) -> Search:
             continue
         own = h
         for near in (n for share in (0.5, 0.25, 0.125) for n in own.nearby(share)):
-            own = _swapped(problem, found, own, near)
+            own = _swapped(problem, found, own, near, 0.0)
         if h.patterns and h.physics is not None and h.physics.odd:
             own = _swapped(problem, found, h, replace(h, patterns=(), field=True), problem.settings.evidence)
         if own != h:
@@ -103,9 +102,7 @@ def shaped(problem: Problem, found: Search) -> Search:
     return found
 
 
-def _swapped(
-    problem: Problem, found: Search, own: Hypothesis, other: Hypothesis, least: float = 0.0
-) -> Hypothesis:
+def _swapped(problem: Problem, found: Search, own: Hypothesis, other: Hypothesis, least: float) -> Hypothesis:
     """Put one hypothesis in the place of another if that predicts better; return the one that stands."""
     chosen, model = [other if c is own else c for c in found.joint.chosen], found.joint.without(own)
     if other.field:  # For all stretches of its term, about the model as it is, at the variance that fits best

@@ -131,11 +131,9 @@ def _counting(
         # Nor are simpler shapes told of a field that stands out beside junctions, and says far more.
         alike = [o for o in worth if o.chosen[-1].term == joint.chosen[-1].term and o.score <= joint.score]
         more = [o for o in alike if o is joint or now.score - joint.score < MOST * (now.score - o.score)]
-        if any(_at_junctions(problem, now, o) for o in more):
+        if any(_at_junctions(problem, now, o) for o in more) or any(_is_part_of(joint, o) for o in worth):
             continue
-        if any(_is_part_of(joint, other) for other in worth) or any(
-            _follows(problem, sums, now, joint, o) for o in ranked
-        ):
+        if any(_follows(problem, sums, now, joint, o) for o in ranked):
             continue
         size = size_of(problem, now, joint)
         if not _counts(problem, joint.chosen[-1], size, problem.settings.material):
@@ -177,8 +175,7 @@ def _is_part_of(joint: Joint, other: Joint) -> bool:
 
 def _timed(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> tuple[Joint, list[Joint]]:
     """The new field limited to a part of the time, where that is more likely; its rivals then are, too."""
-    timed = _in_its_time(problem, now, joint)
-    if timed is None:
+    if (timed := _in_its_time(problem, now, joint)) is None:
         return joint, ranked
     others = [_in_its_time(problem, now, j) or j for j in ranked if j is not joint]
     ranked = sorted([timed, *others], key=lambda j: j.score)
@@ -187,8 +184,7 @@ def _timed(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> t
 
 
 def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
-    h = narrowed(problem, now, joint)
-    if h is None:
+    if (h := narrowed(problem, now, joint)) is None:
         return None
     timed = refit(problem, now.model, [*joint.chosen[:-1], h], 2)
     return timed if joint.score - timed.score > problem.settings.evidence else None
@@ -259,11 +255,8 @@ def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) ->
 
 def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
     """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it."""
-    knobs = {
-        a.knob
-        for a, b in zip(now.design.atoms, now.fitted.beta, strict=True)
-        if a.of_truck_file and not a.low < b < a.high
-    }
+    fitted = zip(now.design.atoms, now.fitted.beta, strict=True)
+    knobs = {a.knob for a, b in fitted if a.of_truck_file and not a.low < b < a.high}
     return [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in knobs]
 
 
@@ -338,9 +331,8 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
     for other in ranked:
         h = other.chosen[-1]
         # A free curve that only repeats what the finding says is no rival to it.
-        if (h.term, h.scope) == (own.term, own.scope) or (
-            h.term is None and verified(joint, other) < problem.channel.model_error
-        ):
+        same = (h.term, h.scope) == (own.term, own.scope)
+        if same or (h.term is None and verified(joint, other) < problem.channel.model_error):
             continue
         share = float((now.losses - other.losses).sum()) / max(gained, 1e-12)
         out.append(Rival(h, other.score - joint.score, share))

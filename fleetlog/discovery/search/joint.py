@@ -143,9 +143,8 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     inner = gram + np.diag(prior.precision)
     root = np.sqrt(np.maximum(np.diag(inner), 1e-300))  # Ohms and watts differ by more than rounding allows
     scale = np.outer(root, root)
-    bread[np.ix_(free, free)] = (
-        np.linalg.pinv((inner / scale)[np.ix_(free, free)]) / scale[np.ix_(free, free)]
-    )
+    kept = np.ix_(free, free)
+    bread[kept] = np.linalg.pinv((inner / scale)[kept]) / scale[kept]
     out = problem.settings.widening**2 * (bread @ (meat + np.diag(prior.precision)) @ bread)
     # The model may be off by its own error in all windows alike: by so much all numbers move together.
     out += np.outer(bread @ shift, bread @ shift)

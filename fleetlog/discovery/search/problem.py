@@ -134,8 +134,7 @@ class Problem:
     def sums(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Sums:
         """Return the products of the columns of base and hypotheses about a model, over training windows."""
         self.learn(model, hypotheses)
-        parts = self.channel.each(partial(self._summed, model, self.layout(hypotheses)))
-        return reduce(Sums.__add__, parts)
+        return reduce(Sums.__add__, self.channel.each(partial(self._summed, model, self.layout(hypotheses))))
 
     def _summed(self, model: Model, layout: Layout, units: Iterable[Unit]) -> Sums:
         sums = Sums.empty(layout, self.settings.folds, len(self.channel.fleet.vehicles))

@@ -127,11 +127,6 @@ def inverse(stiffened: Floats) -> Floats:
     return np.asarray(upper + np.triu(upper, 1).T)
 
 
-def _solution(products: Floats, right: Floats) -> Floats:
-    _, found, failed = lapack.dposv(products, right)
-    return np.asarray(np.linalg.solve(products, right) if failed else found)
-
-
 def solve(gram: Floats, moment: Floats, prior: Prior, near: Floats | None = None) -> Floats:
     """Return the (k,) most probable steps, a strictly convex problem. By block principal pivoting (Judice and
     Pires 1994): all coefficients that break a condition change sides together; where that does not lessen
@@ -146,13 +141,13 @@ def solve(gram: Floats, moment: Floats, prior: Prior, near: Floats | None = None
         free = held == 0
         beta = np.where(held < 0, prior.low, np.where(held > 0, prior.high, 0.0))
         if free.any():
-            right = b[free] - h[np.ix_(free, ~free)] @ beta[~free]
-            beta[free] = _solution(h[np.ix_(free, free)], right)
+            products, right = h[np.ix_(free, free)], b[free] - h[np.ix_(free, ~free)] @ beta[~free]
+            _, found, failed = lapack.dposv(products, right)
+            beta[free] = np.linalg.solve(products, right) if failed else found
         slope = h @ beta - b
         new = np.where(free & (beta < prior.low), -1, np.where(free & (beta > prior.high), 1, held))
         new = np.where(held * slope > ROUNDING * np.diag(h), 0, new).astype(np.int8)
-        broken = np.flatnonzero(new != held)
-        if not len(broken):
+        if not len(broken := np.flatnonzero(new != held)):
             return np.clip(beta, prior.low, prior.high)
         if len(broken) < fewest:
             fewest, patience, singly = len(broken), PATIENCE, set()
@@ -179,5 +174,4 @@ def cross_validated(n: Normal, prior: Prior) -> Fitted:
     gram, moment = n.gram.sum(axis=0), n.moment.sum(axis=0)
     beta = solve(gram, moment, prior)
     unseen = (solve(gram - g, moment - m, prior, beta) for g, m in zip(n.gram, n.moment, strict=True))
-    losses = np.array([n.loss(b, k) for k, b in enumerate(unseen)])
-    return Fitted(beta, losses, prior.penalty(beta))
+    return Fitted(beta, np.array([n.loss(b, k) for k, b in enumerate(unseen)]), prior.penalty(beta))

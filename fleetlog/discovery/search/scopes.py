@@ -95,9 +95,8 @@ class Slotted:
 
     def column(self, j: int, loose: Knob | None = None) -> Column:
         """Return one column; the model's coefficients on a bound stay, but those of the ``loose`` number."""
-        free = self.prior.within(self.beta) | [
-            loose is not None and k is not None and k.fleet == loose for k in self.knobs
-        ]
+        loosened = [loose is not None and k is not None and k.fleet == loose for k in self.knobs]
+        free = self.prior.within(self.beta) | loosened
         held, cross = np.where(free, 0.0, self.beta), self.cross[..., j, :]
         key = free.tobytes()
         if key not in self._models:
@@ -109,8 +108,7 @@ class Slotted:
 
 def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
     """Return each number at its best for a kind of trucks, a part of the time, and one truck's part."""
-    numbers = _numbers(now, screened)
-    if not numbers:
+    if not (numbers := _numbers(now, screened)):
         return []
     s = _slotted(problem, now, numbers)
     out = []
@@ -120,8 +118,7 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
                 continue
             own = replace(h, knobs=tuple(replace(k, scope=scope) for k in h.knobs))
             gains, paid = column.validated(weight)
-            cost = problem.price(own)
-            out.append(Screened(own, float(gains.sum()) - paid - cost, gains))
+            out.append(Screened(own, float(gains.sum()) - paid - problem.price(own), gains))
     return out
 
 

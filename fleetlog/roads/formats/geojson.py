@@ -74,8 +74,7 @@ def _add_roads(raw: list[Any], tally: Tally) -> set[str]:
                 tally.dropped["not a line"] += 1
                 continue
             unread.update(set(properties) - set(KNOWN))
-            name = properties.get("id", item.get("id"))
-            if name is None:
+            if (name := properties.get("id", item.get("id"))) is None:
                 unnamed, name = unnamed + 1, f"road{n}"
             for k, part in enumerate(parts):
                 road = str(name) if len(parts) == 1 else f"{name}:part{k}"

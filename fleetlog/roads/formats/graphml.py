@@ -31,8 +31,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     tally = Tally()
     root = parse_xml(path, "graphml", tally.notes)
     names = {str(k.get("id")): str(k.get("attr.name")) for k in root.iterfind("key")}
-    graph = root.find("graph")
-    if graph is None:
+    if (graph := root.find("graph")) is None:
         raise SiteError("has no graph", do="save it with OSMnx's save_graphml")
     said = {str(n.get("id")): _attributes(n, names) for n in graph.iterfind("node")}
     heights = all(a.get("elevation") for a in said.values())
@@ -70,8 +69,7 @@ def _line(text: str, start: Floats, end: Floats) -> Floats:
     """(n, 3) vertices of a WKT LINESTRING, heights even from node to node; straight without a text."""
     if not text:
         return np.array([start, end])
-    found = re.fullmatch(r"\s*LINESTRING\b[^(]*\((.*)\)\s*", text)
-    if not found:
+    if not (found := re.fullmatch(r"\s*LINESTRING\b[^(]*\((.*)\)\s*", text)):
         raise SiteError(f"geometry {text[:30]!r} is no LINESTRING", do="save the graph again")
     rows = [[number(v) for v in vertex.split()[:2]] for vertex in found[1].split(",")]
     if any(len(row) != 2 for row in rows) or len(rows) < 2:
@@ -85,8 +83,7 @@ def _paired(edges: list[Edge], against: set[str]) -> list[Edge]:
     """Twins along one line become the two directions of one road, named after that not ``against`` OSM's."""
     out, waiting = list(edges), defaultdict[tuple[str, str, bytes], list[int]](list)
     for k, edge in enumerate(edges):
-        twins = waiting[edge.end, edge.start, edge.points[::-1].tobytes()]
-        if not twins:
+        if not (twins := waiting[edge.end, edge.start, edge.points[::-1].tobytes()]):
             waiting[edge.start, edge.end, edge.points.tobytes()].append(k)
             continue
         twin = twins.pop(0)

@@ -22,8 +22,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     for element in net.iterfind("edge"):
         if element.get("function") not in (None, "normal"):
             continue
-        lanes = [lane for lane in element.iterfind("lane") if _driven(lane)]
-        if not lanes:
+        if not (lanes := [lane for lane in element.iterfind("lane") if _driven(lane)]):
             tally.dropped["without a lane for vehicles"] += 1
             continue
         with at(f"edge {element.get('id')}"):
