@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -27,8 +27,8 @@ from fleetlog.discovery.channels.paths import across, kinks
 from fleetlog.discovery.channels.waits import Waits
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern, _numbers
-from fleetlog.discovery.hypotheses.sources import Layout
-from fleetlog.discovery.model import FLEET, Knob, Model
+from fleetlog.discovery.hypotheses.sources import FreeCurve, Layout
+from fleetlog.discovery.model import FLEET, Knob, Model, Scope
 from fleetlog.discovery.recording.blocks import block, cut
 from fleetlog.discovery.recording.day import day_of
 from fleetlog.discovery.recording.fleet import Fleet, read_fleet
@@ -40,7 +40,7 @@ from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
 from fleetlog.discovery.search import finish, forward
 from fleetlog.discovery.search import joint as joint_fit
-from fleetlog.discovery.search.beside import _best
+from fleetlog.discovery.search.beside import Screened, _best
 from fleetlog.discovery.search.design import Atom, Design
 from fleetlog.discovery.search.finish import Search
 from fleetlog.discovery.search.joint import Joint
@@ -578,6 +578,48 @@ def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_nois
         monkeypatch.setattr(forward, last, lambda problem, found: found)
     found = forward.search(cast(Problem, Noisy()), cast(Model, None))
     assert found.joint.chosen == (names[1],)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """As much of a joint fit as scores need."""
+
+    chosen: tuple[Hypothesis, ...]
+    score: float
+    losses: np.ndarray
+
+
+def test_a_curve_that_hours_confirm_less_predicts_no_better_than_before() -> None:
+    """Its losses rise as its score does: what is validated in one way is not compared with the other."""
+    curve = Hypothesis(curve=FreeCurve("power", ("time",), ((0.0, 1.0),)))
+    now, fit = Fit((), 100.0, np.full(4, 25.0)), Fit((curve,), 20.0, np.full(4, 2.0))
+    unseen = {curve.kind: Screened(curve, 70.0, np.full(4, 24.0))}
+    problem, sums = cast(Problem, None), cast(Sums, None)
+    less = forward._no_better_than(problem, sums, cast(Joint, now), cast(Joint, fit), [], unseen)
+    assert less.score == 30.0
+    assert less.losses.sum() - fit.losses.sum() == pytest.approx(less.score - fit.score)
+
+
+def test_a_place_that_nobody_passes_later_is_told_without_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A field of a part of the time is one of all of it, unless passes at other times speak against that."""
+    part = Hypothesis("surface_resistance", field=True, when=Scope(until=60.0))
+    always = replace(part, when=FLEET)
+    sums = SimpleNamespace(settings=SETTINGS, sums=lambda *_: None)
+    monkeypatch.setattr(forward, "stood_out", lambda *_: [part])
+    now = cast(Joint, SimpleNamespace(model=None, chosen=()))
+    monkeypatch.setattr(forward, "scored", lambda *_: now)
+    for nothing in ("pattern_hypotheses", "screen"):
+        monkeypatch.setattr(forward, nothing, lambda *_: [])
+    for apart, best in ((1.0, always), (9.0, part)):
+        found = cast(Search, SimpleNamespace(rivals={part.kind: []}))
+        monkeypatch.setattr(forward, "_best", lambda *_: Fit((part,), 20.0, np.zeros(1)))
+        monkeypatch.setattr(
+            forward,
+            "refit",
+            lambda _, __, chosen, *___, apart=apart: Fit(tuple(chosen), 20.0 + apart, np.zeros(1)),
+        )
+        better = forward._at_times(cast(Problem, sums), now, found)
+        assert better is not None and better.chosen == (best,) and best.kind in found.rivals
 
 
 def test_how_well_a_number_is_known_does_not_hang_on_its_unit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
-from fleetlog.discovery.model import Model
+from fleetlog.discovery.model import FLEET, Model
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import Screened, gained, pattern_hypotheses, screen
 from fleetlog.discovery.search.finish import Rival, Search, formed, on_bound, pruned, shaped
@@ -56,14 +56,23 @@ def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint |
 
 
 def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
-    """Return the model with the best field of a part of the time; over all of it, trips disagree on it."""
+    """Return the model with the best field of a part of the time; over all of it, trips disagree on it.
+    Where nobody passes the place at other times, the time is not told: nothing speaks for it."""
     if not (fields := stood_out(problem, now)):
         return None
     sums = problem.sums(now.model, [*now.chosen, *fields])
     now = scored(problem, sums, now.model, now.chosen)
     shapes = [p for h in fields for p in pattern_hypotheses(problem, sums, now, h)]
     screened = screen(problem, sums, now, [*fields, *shapes])
-    return _best(problem, sums, now, found, screened, [s for s in screened if _significant(problem, now, s)])
+    worth = [s for s in screened if _significant(problem, now, s)]
+    if (better := _best(problem, sums, now, found, screened, worth)) is None:
+        return None
+    own = better.chosen[-1]
+    always = refit(problem, now.model, [*better.chosen[:-1], replace(own, when=FLEET)], 2)
+    if always.score - better.score > problem.settings.evidence:
+        return better
+    found.rivals[always.chosen[-1].kind] = found.rivals[own.kind]
+    return always
 
 
 def _best(
@@ -217,7 +226,8 @@ def _no_better_than(
     unseen = max((s for _, s in alike), key=lambda s: s.gain, default=None)
     if unseen is None or unseen.gain >= seen:
         return joint
-    return replace(joint, score=joint.score + seen - unseen.gain, losses=now.losses - unseen.by_fold)
+    less = seen - unseen.gain
+    return replace(joint, score=joint.score + less, losses=joint.losses + less / len(joint.losses))
 
 
 def _candidates(problem: Problem, sums: Sums, now: Joint, rest: Chosen) -> list[Hypothesis]:
