@@ -111,7 +111,7 @@ class Hypothesis:
     def depends_on(self) -> tuple[str, ...]:
         """The variables that the mismatch follows."""
         if self.curve is not None:
-            return self.curve.variables or ("standing",)
+            return self.curve.variables or ("standing" if self.curve.mode == "still" else "driving",)
         own = self.physics.depends_on if self.physics else ("x", "y")
         own = (*own, "vehicle_id") if self.scope.vehicles else own
         return (*own, "time") if self.scope.timed and "time" not in own else own

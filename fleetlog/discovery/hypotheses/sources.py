@@ -173,7 +173,7 @@ def energy_curves(
     knots: Mapping[str, tuple[float, ...]], vehicles: int, days: int, trips: tuple[str, ...]
 ) -> list[FreeCurve]:
     """Return the free curves of an energy channel; ``trips`` names those with a value of their own."""
-    out = [FreeCurve("force", ("heading",), (), 4), FreeCurve("still", (), ())]
+    out = [FreeCurve("force", ("heading",), (), 4), FreeCurve("still", (), ()), FreeCurve("drag", (), ())]
     for name, k in knots.items():
         if name not in ("lift_speed", "fork_height"):
             out.append(FreeCurve("force", (name,), (k,)))
@@ -186,8 +186,8 @@ def energy_curves(
     for mode, a, b in (("moving", "payload", "speed"), ("force", "ambient_temperature", "speed")):
         if a in knots and b in knots:
             out.append(FreeCurve(mode, (a, b), (_few(knots[a]), _few(knots[b]))))  # type: ignore[arg-type]
-    out += _by_class(("drag",), vehicle_id=vehicles)  # As of a brake
-    out += _by_class(("force", "power"), vehicle_id=vehicles, day=days)
+    out += _by_class(("drag", "force", "power"), vehicle_id=vehicles)  # A drag is as of a brake
+    out += _by_class(("force", "power"), day=days)
     return out + [replace(c, classes=trips) for c in _by_class(("force", "power"), trip_id=len(trips))]
 
 

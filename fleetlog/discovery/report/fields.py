@@ -43,6 +43,17 @@ class Values:
         own, samples = (self.deviation.reshape(-1, 2) * way).sum(axis=1), self.samples.reshape(-1, 2)
         return replace(self, deviation=own, samples=samples.max(axis=1), basis=basis)
 
+    def share(self, run: Indices) -> Floats:
+        """Return the share of each of some values in their windows."""
+        weight = np.maximum(self.samples[run], 1).astype(float)
+        return np.asarray(weight / weight.sum())
+
+    def summed(self, run: Indices, weight: Floats) -> tuple[float, float]:
+        """Return the weighted sum of some values, and its standard error."""
+        own = weight @ self.basis[run]
+        square = float(own @ self.covariance @ own)
+        return float(weight @ self.deviation[run]), float(np.sqrt(max(square, 0.0)))
+
 
 def large(v: Values) -> Mask:
     """Return the values that stand out: significant by themselves and not small beside the largest."""
@@ -54,6 +65,17 @@ def large(v: Values) -> Mask:
     return np.asarray(sure & (size >= LARGE * float(np.quantile(size[sure], 0.9))))
 
 
+def together(cells: Stretches, v: Values, mask: Mask) -> Mask:
+    """The same, and as large values beside each other that stand out together: the pieces of a road are
+    hardly told from one another, so that each may be uncertain where all of them are not."""
+    size, known, out = np.abs(v.deviation), v.samples >= FEW, mask.copy()
+    top = np.quantile(size[mask], 0.9) if mask.any() else size[known].max(initial=0.0)
+    for run in cells.runs(known & (size >= LARGE * top), np.sign(v.deviation)):
+        mean, error = v.summed(run, v.share(run))
+        out[run] |= abs(mean) > NORMAL * error
+    return out
+
+
 def told(cells: Cells, v: Values, h: Hypothesis) -> tuple[dict[str, Any] | None, list[Parameter]]:
     """Return where a field stands out (the contract's ``where``), and the size of a term's as a number."""
     if v.deviation.size > len(cells):  # Vectors: their length, in their direction
@@ -61,6 +83,7 @@ def told(cells: Cells, v: Values, h: Hypothesis) -> tuple[dict[str, Any] | None,
         v = v.along(way / np.maximum(np.hypot(*way.T), 1e-12)[:, None])
     mask = large(v)
     if isinstance(cells, Stretches) and not h.waits:
+        mask = together(cells, v, mask)
         # Where trucks leave one road for the next, what is told may be of either.
         inner = cells.inner(mask, np.sign(v.deviation), REACH)
         mask = inner if inner.any() else mask
@@ -75,25 +98,25 @@ def told(cells: Cells, v: Values, h: Hypothesis) -> tuple[dict[str, Any] | None,
 def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
     """The largest value of an odd field, corrected for being picked; of others the mean."""
     first = term.parameters[0]
-    none, chance = np.zeros(len(v.covariance)), np.random.default_rng(0)
-    draws = chance.multivariate_normal(none, v.covariance, DRAWS, method="eigh")
-    own, spread = v.deviation[mask], draws @ v.basis[mask].T
     if term.odd:
-        largest = np.abs(own + spread).max(axis=1)
+        sure = mask & large(v)
+        mask = sure if sure.any() else mask
+        none, chance = np.zeros(len(v.covariance)), np.random.default_rng(0)
+        draws = chance.multivariate_normal(none, v.covariance, DRAWS, method="eigh")
+        largest = np.abs(v.deviation[mask] + draws @ v.basis[mask].T).max(axis=1)
         low, middle, high = np.quantile(largest, [0.025, 0.5, 0.975])
         # The largest of many uncertain values is too large by what one more error of the same size adds.
-        value = max(2.0 * float(np.abs(own).max()) - float(middle), 0.0)
+        value = max(2.0 * float(np.abs(v.deviation[mask]).max()) - float(middle), 0.0)
         below, above = max(value + float(low - middle), 0.0), value + float(high - middle)
         return Parameter(term.extreme or first.name, value, below, above, first.unit)
-    weight = np.maximum(v.samples[mask], 1).astype(float)
-    mean = float(np.average(own, weights=weight))
-    error = float((spread @ (weight / weight.sum())).std())
+    run = np.flatnonzero(mask)
+    weight = v.share(run)
     if isinstance(cells, Stretches) and term.waits:
         # Seconds add up along a passage: the longest wait is that of the worst run of cells.
-        worst = max(cells.runs(mask, np.sign(v.deviation)), key=lambda r: float(v.deviation[r].sum()))
-        mean = float(v.deviation[worst].sum())
-        error = float((draws @ v.basis[worst].sum(axis=0)).std())
-    return interval(first, first.scaled(first.neutral) + mean, error, first.neutral)
+        run = max(cells.runs(mask, np.sign(v.deviation)), key=lambda r: float(v.deviation[r].sum()))
+        weight = np.ones(len(run))
+    value, error = v.summed(run, weight)
+    return interval(first, first.scaled(first.neutral) + value, error, first.neutral)
 
 
 def extent(middle: Floats) -> list[float]:
@@ -114,11 +137,8 @@ def _merged(cells: Stretches, v: Values, mask: Mask, term: Term | None) -> list[
     zero = first.scaled(first.neutral)
     out = []
     for c in cells.runs(mask, np.sign(v.deviation), bridged=True):
-        weight = np.maximum(v.samples[c], 1).astype(float)
-        weight = np.ones(len(c)) if waits else weight / weight.sum()
-        own = weight @ v.basis[c]
-        error = float(np.sqrt(max(own @ v.covariance @ own, 0.0)))
-        n = interval(first, zero + float(weight @ v.deviation[c]), error, first.neutral)
+        value, error = v.summed(c, np.ones(len(c)) if waits else v.share(c))
+        n = interval(first, zero + value, error, first.neutral)
         out.append(row(cells, c, n.value, n.low, n.high))
     return sorted(out, key=lambda r: -abs(r["value"] - first.neutral) * (r["to"] - r["from"]))
 

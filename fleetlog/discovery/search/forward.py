@@ -137,6 +137,8 @@ def _counting(
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
+        if _is_flat(problem, sums, joint):
+            continue
         # Nor are simpler shapes told of a field that stands out beside junctions, and says far more.
         alike = [o for o in worth if o.chosen[-1].term == joint.chosen[-1].term and o.score <= joint.score]
         more = [o for o in alike if o is joint or now.score - joint.score < MOST * (now.score - o.score)]
@@ -180,6 +182,19 @@ def _is_part_of(joint: Joint, other: Joint) -> bool:
     own, whole = joint.chosen[-1], other.chosen[-1]
     part = bool(own.knobs) and not own.scope.whole and whole.knobs == tuple(k.fleet for k in own.knobs)
     return part and other.score < joint.score
+
+
+def _is_flat(problem: Problem, sums: Sums, joint: Joint) -> bool:
+    """Whether the values of a curve say no more than that they are not zero: it follows nothing."""
+    own = joint.chosen[-1]
+    if own.curve is None or own.curve.harmonics or own.curve.width < 2:
+        return False
+    mine = np.array([a.owner == own for a in joint.design.atoms])
+    gram = joint.design.normal(sums).gram.sum(axis=0)[np.ix_(mine, mine)]
+    value = joint.fitted.beta[mine]
+    differs = value - gram.sum(axis=0) @ value / max(float(gram.sum()), 1e-300)
+    told = float(differs @ gram @ differs) / (2.0 * problem.noise.design)
+    return bool(told < problem.settings.evidence + value.size / 2.0)  # Noise alone says half of one for each
 
 
 def _timed(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> tuple[Joint, list[Joint]]:

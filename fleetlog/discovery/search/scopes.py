@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
 from fleetlog.discovery.model import Knob, Scope
@@ -95,15 +95,34 @@ class Slotted:
 
     def column(self, j: int, loose: Knob | None = None) -> Column:
         """Return one column; the model's coefficients on a bound stay, but those of the ``loose`` number."""
-        loosened = [loose is not None and k is not None and k.fleet == loose for k in self.knobs]
-        free = self.prior.within(self.beta) | loosened
+        free = self.prior.within(self.beta) | self._of(loose)
         held, cross = np.where(free, 0.0, self.beta), self.cross[..., j, :]
-        key = free.tobytes()
-        if key not in self._models:
-            moment = (self.moment - self.gram @ held)[:, free]
-            self._models[key] = Beside(self.gram[:, free][:, :, free], moment, self.prior.part(free))
         parts = cross[..., free], self.along[..., j] - cross @ held, self.own[..., j]
-        return Column(self._models[key], *parts, self.unit)
+        return Column(self._beside(free), *parts, self.unit)
+
+    def loosened(self, loose: Knob) -> tuple[Floats, float]:
+        """Return what letting the ``loose`` number off its bounds gains by itself on each unseen fold, (F,),
+        and costs the prior: the column beside it gains that more over the model as it is."""
+        free = self.prior.within(self.beta)
+        let = ~free & self._of(loose)
+        if not let.any():
+            return np.zeros(len(self.gram)), 0.0
+        moment = self.moment - self.gram @ np.where(free, 0.0, self.beta)
+        new = Added(self.gram[:, free][:, :, let], moment[:, let], self.gram[:, let][:, :, let])
+        own, none = self.prior.part(let), np.zeros(let.sum())
+        off = Prior(own.precision, own.centre - self.beta[let], none - np.inf, none + np.inf)
+        ((gains, paid),) = self._beside(free).gains(new, [(slice(0, len(none)), off)])
+        return gains / self.unit, paid - off.penalty(none)
+
+    def _of(self, number: Knob | None) -> Mask:
+        return np.array([number is not None and k is not None and k.fleet == number for k in self.knobs])
+
+    def _beside(self, free: Mask) -> Beside:
+        """The model with its ``free`` coefficients, the others as they are."""
+        if (key := free.tobytes()) not in self._models:
+            moment = (self.moment - self.gram @ np.where(free, 0.0, self.beta))[:, free]
+            self._models[key] = Beside(self.gram[:, free][:, :, free], moment, self.prior.part(free))
+        return self._models[key]
 
 
 def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
@@ -118,6 +137,9 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
                 continue
             own = replace(h, knobs=tuple(replace(k, scope=scope) for k in h.knobs))
             gains, paid = column.validated(weight)
+            if scope.timed:
+                alone, cost = s.loosened(h.knobs[0])
+                gains, paid = gains + alone, paid + cost
             out.append(Screened(own, float(gains.sum()) - paid - problem.price(own), gains))
     return out
 
