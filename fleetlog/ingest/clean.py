@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.columns import COLUMNS
 from fleetlog.core.trajectory import Labels, Trajectory
-from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import FILE, RECORD, STUCK, set_unknown
+from fleetlog.ingest.rows import FILE, RECORD, STUCK, Rejects, set_unknown
 
 MAX_SPEED = 60.0  # A position that implies more is impossible [m/s]; the bound of the speed column
 FARTHEST, HIGHEST = 1e8, 1e6  # No vehicle is farther or higher [m]; grids of whole countries count up to 1e7

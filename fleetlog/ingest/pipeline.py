@@ -22,8 +22,7 @@ from fleetlog.ingest.clean import sort_rows
 from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.place import check_matched
 from fleetlog.ingest.reading import READ_SHARE, Read, groups_of, read_group
-from fleetlog.ingest.rejects import NAME, gather
-from fleetlog.ingest.rows import Slip, windows
+from fleetlog.ingest.rows import REJECTED, Slip, gather, windows
 from fleetlog.ingest.stretch import Plan, import_vehicle, load_matcher, probe
 from fleetlog.ingest.summary import ImportSummary, Outcome, added_up, complete
 from fleetlog.listening import progress
@@ -148,9 +147,9 @@ def _write(reads: Sequence[Read], plan: Plan, writer: DatasetWriter, *, align: b
     complete(summary, outcomes)
     check_matched(summary.matched, summary.rows, plan.site)
     every_reject = [*(r.rejects for r in reads), *(o.rejects for o in outcomes)]
-    rejects = gather(every_reject, writer.path, None if writer.old is None else writer.old.path / NAME)
+    rejects = gather(every_reject, writer.path, None if writer.old is None else writer.old.path / REJECTED)
     summary.rejected, summary.rejected_values = dict(rejects.rows), dict(rejects.values)
-    summary.rejected_file = NAME if rejects.file else None
+    summary.rejected_file = REJECTED if rejects.file else None
     if not summary.rows:
         raise InputError("every row was refused", do=_reasons(summary.rejected))
     return summary

@@ -24,8 +24,7 @@ from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import EARLIEST
 from fleetlog.importers.base import LOCAL, RawBatch
 from fleetlog.ingest.files import Log
-from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, Slip, Spill
+from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, Rejects, Slip, Spill
 from fleetlog.ingest.summary import FileSummary
 from fleetlog.listening import progress
 
@@ -68,7 +67,7 @@ def groups_of(logs: list[Log]) -> list[Group]:
 def read_group(folder: Path, names: list[str], profile: Profile | None, group: Group) -> Read:
     """Read some logs; their rows are set down in ``folder``."""
     first, logs = group
-    spill, out = Spill(folder, f"log-{first}"), Read(Rejects(folder / f"log-{first}-{NAME}", names))
+    spill, out = Spill(folder, f"log-{first}"), Read(Rejects(folder / f"log-{first}.parquet", names))
     for number, log in enumerate(logs, first):
         before = spill.rows + out.rejects.rows.total()
         try:

@@ -1,20 +1,24 @@
 """Rows of a vehicle on their way into a dataset: unsorted, with where each came from; set down on disk by
-vehicle, so that logs of any size and order fit into memory."""
+vehicle, so that logs of any size and order fit into memory.  Every row and value that was refused: counted by
+reason, and kept in ``rejected.parquet``."""
 
 import itertools
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 from pyarrow import feather
 
 from fleetlog.core.arrays import Mask
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Labels, Trajectory, Values, as_labels, concatenate, from_arrow, own_array
 from fleetlog.importers._times import EARLIEST, LATEST
+from fleetlog.importers.base import Reject
 
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
 """Columns of the import itself, never written: number of the file, line or record in it; 1 for rows without
@@ -23,6 +27,10 @@ positions, of a stuck sensor, and whose position repeats an older one."""
 BUDGET = 96 << 20  # Bytes of rows that wait in memory before they are set down
 WINDOW_ROWS = 100_000  # Rows of a vehicle that are taken up again at a time, about
 SAMPLE = 20  # Of so many rows the time of one is looked at to find where these begin
+REJECTED = "rejected.parquet"
+_FLUSH = 50_000
+_COLUMNS = ("file", "record", "kind", "reason", "text")
+_SCHEMA = pa.schema([(name, pa.int64() if name == "record" else pa.string()) for name in _COLUMNS])
 
 
 def set_unknown(rows: Trajectory, where: Mask, *names: str) -> Trajectory:
@@ -133,3 +141,68 @@ def _load(slip: Slip, low: int, high: int) -> Trajectory:
     time = table.column("timestamp").to_numpy()
     mask = (time >= low) & (time < high)
     return from_arrow(table if mask.all() else table.filter(pa.array(mask)), slip.vehicle)
+
+
+@dataclass
+class Rejects:
+    """What one job refused; ``names`` are those of the logs."""
+
+    file: Path | None = None  # Where it is kept, in pieces; once closed, None where nothing was refused
+    names: Sequence[str] = ()
+    rows: Counter[str] = field(default_factory=Counter)  # Rows refused, by reason
+    values: Counter[str] = field(default_factory=Counter)  # Single values refused (the row stayed), by reason
+    _waiting: list[tuple[str, int, str, str, str]] = field(default_factory=list)
+    _writer: Any = None
+
+    def add(self, file: int, rejects: Iterable[Reject]) -> None:
+        """Refusals of one log, by its number."""
+        for r in rejects:
+            (self.rows if r.whole else self.values)[r.reason] += 1
+            if self.file is not None:
+                kind = "row" if r.whole else "value"
+                self._waiting.append((self.names[file], r.record, kind, r.reason, r.text))
+        if len(self._waiting) >= _FLUSH:
+            self._flush()
+
+    def refuse(self, rows: Trajectory, mask: Mask, reason: str, *, whole: bool = True) -> None:
+        """Refuse some rows, or a value of theirs."""
+        for row in np.flatnonzero(mask).tolist():
+            file, record = (int(rows.floats(n)[row]) for n in (FILE, RECORD))
+            self.add(file, [Reject(record, reason, picture(rows, row), whole)])
+
+    def _flush(self) -> None:
+        table = pa.table(dict(zip(_COLUMNS, zip(*self._waiting, strict=True), strict=True)), schema=_SCHEMA)
+        if self._writer is None:
+            self._writer = pq.ParquetWriter(self.file, _SCHEMA, compression="zstd")
+        self._writer.write_table(table)
+        self._waiting = []
+
+    def close(self) -> None:
+        """Write what is left; what was refused can then go to another process."""
+        if self._waiting:
+            self._flush()
+        if self._writer is None:
+            self.file = None
+        else:
+            self._writer.close()
+        self._writer, self.names = None, ()
+
+
+def gather(all_rejects: Iterable[Rejects], folder: Path, older: Path | None = None) -> Rejects:
+    """All refusals as one, their rows in one file of ``folder``, after those of an ``older`` file."""
+    whole, writer = Rejects(), None
+    before = [Rejects(older)] if older is not None and older.exists() else []
+    for rejects in [*before, *all_rejects]:
+        whole.rows.update(rejects.rows)
+        whole.values.update(rejects.values)
+        if rejects.file is None:
+            continue
+        with rejects.file.open("rb") as stream, pq.ParquetFile(stream) as source:
+            if writer is None:
+                whole.file = folder / REJECTED
+                writer = pq.ParquetWriter(whole.file, source.schema_arrow, compression="zstd")
+            for group in range(source.num_row_groups):
+                writer.write_table(source.read_row_group(group))
+    if writer is not None:
+        writer.close()
+    return whole

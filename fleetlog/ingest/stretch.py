@@ -17,8 +17,7 @@ from fleetlog.core.trajectory import Labels, Trajectory, concatenate
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
-from fleetlog.ingest.rejects import NAME, Rejects
-from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Slip, windows, with_own_columns
+from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Rejects, Slip, windows, with_own_columns
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
@@ -53,7 +52,7 @@ class Plan:
 def import_vehicle(plan: Plan, job: tuple[int, str, list[Slip]]) -> Outcome:
     """Clean, place, match and write the rows of one vehicle."""
     number, vehicle, slips = job
-    rejects = Rejects(plan.scratch / f"vehicle-{number}-{NAME}", plan.names)
+    rejects = Rejects(plan.scratch / f"vehicle-{number}.parquet", plan.names)
     work = VehicleImport(plan, rejects, plan.before.next_trip.get(vehicle, 0))
     for rows, last in windows(slips):
         if vehicle in plan.positioned | plan.driven:

@@ -10,7 +10,7 @@ from fleetlog.core.words import count, reasons
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 from fleetlog.importers._open import ReadReport
 from fleetlog.ingest.derive import suspect_unit
-from fleetlog.ingest.rejects import Rejects
+from fleetlog.ingest.rows import Rejects
 from fleetlog.store.trips import Columns, contents_of, trips_of
 
 MOST_PACES = 50

@@ -13,8 +13,7 @@ from fleetlog.core.trajectory import Labels, Trajectory, concatenate
 from fleetlog.ingest import clean
 from fleetlog.ingest.derive import fill_positions, interpolated, join_channels, release_held
 from fleetlog.ingest.reading import Order, run_starts
-from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD
+from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, Rejects
 
 SECOND = 1_000_000
 

@@ -27,10 +27,9 @@ ENOUGH = 4.0  # Times the fewest windows that a channel is judged by
 
 def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:
     """Return the channels that the recording has; speed needs a map to say how fast one might have driven."""
-    have = [c for c in ("battery_power", "soc") if fleet.has(c)]
-    if fleet.network is not None and fleet.has("edge_id"):
-        have.append("speed")
-    return [c for c in have if not wanted or c in wanted]
+    mapped = fleet.network is not None and fleet.has("edge_id")
+    have = {"battery_power": fleet.has("battery_power"), "soc": fleet.has("soc"), "speed": mapped}
+    return [c for c, known in have.items() if known and (not wanted or c in wanted)]
 
 
 def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: Split) -> Channel:

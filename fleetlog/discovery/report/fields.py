@@ -43,16 +43,12 @@ class Values:
         own, samples = (self.deviation.reshape(-1, 2) * way).sum(axis=1), self.samples.reshape(-1, 2)
         return replace(self, deviation=own, samples=samples.max(axis=1), basis=basis)
 
-    def share(self, run: Indices) -> Floats:
-        """Return the share of each of some values in their windows."""
-        weight = np.maximum(self.samples[run], 1).astype(float)
-        return np.asarray(weight / weight.sum())
-
-    def summed(self, run: Indices, weight: Floats) -> tuple[float, float]:
-        """Return the weighted sum of some values, and its standard error."""
+    def of(self, run: Indices, *, whole: bool = False) -> tuple[float, float]:
+        """Return the mean of some values, weighted by their windows, or their sum; and its standard error."""
+        count = np.maximum(self.samples[run], 1)
+        weight = np.ones(len(run)) if whole else count / count.sum()
         own = weight @ self.basis[run]
-        square = float(own @ self.covariance @ own)
-        return float(weight @ self.deviation[run]), float(np.sqrt(max(square, 0.0)))
+        return float(weight @ self.deviation[run]), max(float(own @ self.covariance @ own), 0.0) ** 0.5
 
 
 def large(v: Values) -> Mask:
@@ -71,7 +67,7 @@ def together(cells: Stretches, v: Values, mask: Mask) -> Mask:
     size, known, out = np.abs(v.deviation), v.samples >= FEW, mask.copy()
     top = np.quantile(size[mask], 0.9) if mask.any() else size[known].max(initial=0.0)
     for run in cells.runs(known & (size >= LARGE * top), np.sign(v.deviation)):
-        mean, error = v.summed(run, v.share(run))
+        mean, error = v.of(run)
         out[run] |= abs(mean) > NORMAL * error
     return out
 
@@ -110,12 +106,10 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
         below, above = max(value + float(low - middle), 0.0), value + float(high - middle)
         return Parameter(term.extreme or first.name, value, below, above, first.unit)
     run = np.flatnonzero(mask)
-    weight = v.share(run)
-    if isinstance(cells, Stretches) and term.waits:
+    if waits := isinstance(cells, Stretches) and term.waits:
         # Seconds add up along a passage: the longest wait is that of the worst run of cells.
         run = max(cells.runs(mask, np.sign(v.deviation)), key=lambda r: float(v.deviation[r].sum()))
-        weight = np.ones(len(run))
-    value, error = v.summed(run, weight)
+    value, error = v.of(run, whole=waits)
     return interval(first, first.scaled(first.neutral) + value, error, first.neutral)
 
 
@@ -137,7 +131,7 @@ def _merged(cells: Stretches, v: Values, mask: Mask, term: Term | None) -> list[
     zero = first.scaled(first.neutral)
     out = []
     for c in cells.runs(mask, np.sign(v.deviation), bridged=True):
-        value, error = v.summed(c, np.ones(len(c)) if waits else v.share(c))
+        value, error = v.of(c, whole=waits)
         n = interval(first, zero + value, error, first.neutral)
         out.append(row(cells, c, n.value, n.low, n.high))
     return sorted(out, key=lambda r: -abs(r["value"] - first.neutral) * (r["to"] - r["from"]))

@@ -79,9 +79,11 @@ def _best(
     problem: Problem, sums: Sums, now: Joint, found: Search, screened: list[Screened], worth: list[Screened]
 ) -> Joint | None:
     """Return the model with the best of some hypotheses added, None where none of them counts."""
-    best = max((s.gain for s in worth), default=0.0)
+    best = max((s.gain for s in worth), default=np.inf)
     near = [s for s in worth if s.gain > (NUMBERS if s.hypothesis.knobs else OTHERS) * best]
-    close = _close(problem, screened, worth)
+    # What is not evident, but so near to the best that evidence does not part them: rivals, and no more.
+    told = {s.hypothesis for s in worth}
+    close = [s for s in screened if s.gain > best - problem.settings.evidence and s.hypothesis not in told]
     rivals = [_whole(s.hypothesis, now.chosen)[0] for s in close]
     beside = dict(_whole(s.hypothesis, s.beside or now.chosen) for s in (*near, *close))
     beside |= {h: now.chosen for h in _on_edge(problem, now) if h not in beside}
@@ -137,12 +139,15 @@ def _counting(
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
-        if _is_flat(problem, sums, joint):
-            continue
         # Nor are simpler shapes told of a field that stands out beside junctions, and says far more.
         alike = [o for o in worth if o.chosen[-1].term == joint.chosen[-1].term and o.score <= joint.score]
         more = [o for o in alike if o is joint or now.score - joint.score < MOST * (now.score - o.score)]
-        if any(_at_junctions(problem, now, o) for o in more) or any(_is_part_of(joint, o) for o in worth):
+        if _is_flat(problem, sums, joint) or any(_at_junctions(problem, now, o) for o in more):
+            continue
+        # Nor is a number of a part, where the same number says it better of all.
+        h = joint.chosen[-1]
+        of_all = [o for o in worth if h.knobs and o.chosen[-1].knobs == tuple(k.fleet for k in h.knobs)]
+        if not h.scope.whole and any(o.score < joint.score for o in of_all):
             continue
         if any(_follows(problem, sums, now, joint, o) for o in ranked):
             continue
@@ -175,13 +180,6 @@ def _repeats(
         return False
     both = refit(problem, now.model, [*other.chosen, joint.chosen[-1]], 1, sums)
     return other.score - both.score < OWN * (now.score - joint.score)
-
-
-def _is_part_of(joint: Joint, other: Joint) -> bool:
-    """Whether a number of a part only repeats what the same number says of all, and says it worse."""
-    own, whole = joint.chosen[-1], other.chosen[-1]
-    part = bool(own.knobs) and not own.scope.whole and whole.knobs == tuple(k.fleet for k in own.knobs)
-    return part and other.score < joint.score
 
 
 def _is_flat(problem: Problem, sums: Sums, joint: Joint) -> bool:
@@ -269,13 +267,6 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
         return False
     size = np.sqrt(max(float(s.by_fold.sum()), 0.0) / max(now.energy, 1e-12))
     return size > 0.5 * problem.channel.model_error or s.hypothesis.term is not None or s.hypothesis.local
-
-
-def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) -> list[Screened]:
-    """What is not evident, but so near to the best that evidence does not part them: rivals, and no more."""
-    best = max((s.gain for s in worth), default=np.inf)
-    told = {s.hypothesis for s in worth}
-    return [s for s in screened if s.gain > best - problem.settings.evidence and s.hypothesis not in told]
 
 
 def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
