@@ -1,0 +1,38 @@
+"""Effects written into a clean recording of another generator are found as they were written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conceal import diagnosed
+
+pytestmark = pytest.mark.slow
+
+
+def found(shared_data: Path, effect: str) -> list[dict[str, Any]]:
+    return diagnosed(shared_data / "engine" / "clean", effect)["findings"]
+
+
+def test_a_load_that_grows_is_a_drift(shared_data: Path) -> None:
+    """A curve over the time of day says as much, and no more."""
+    (only,) = found(shared_data, "load that grows")
+    assert only["term"] == "auxiliary_load" and only["scope"]["drift"]
+    added = next(p for p in only["parameters"] if p["name"] == "added_power")
+    assert added["low"] <= 600.0 <= added["high"]
+
+
+def test_a_rough_floor_is_told_on_all_of_its_roads(shared_data: Path) -> None:
+    """Each piece of a road is hardly told from the next, all of them stand out."""
+    (only,) = found(shared_data, "rough floor")
+    assert only["term"] == "surface_resistance"
+    edges = only["where"]["edges"]
+    assert len(edges) >= 6 and sum(e["to"] - e["from"] for e in edges) > 200.0
+    low_x, low_y, high_x, _ = only["where"]["extent"]
+    assert high_x - low_x > 200.0 and low_y > 60.0
+
+
+def test_a_drag_of_all_trucks_does_not_follow_the_truck(shared_data: Path) -> None:
+    for finding in found(shared_data, "drag"):
+        assert "vehicle_id" not in finding["depends_on"]
