@@ -45,8 +45,7 @@ class Values:
 
     def of(self, run: Indices, *, whole: bool = False) -> tuple[float, float]:
         """Return the mean of some values, weighted by their windows, or their sum; and its standard error."""
-        count = np.maximum(self.samples[run], 1)
-        weight = np.ones(len(run)) if whole else count / count.sum()
+        weight = np.ones(len(run)) if whole else (n := np.maximum(self.samples[run], 1)) / n.sum()
         own = weight @ self.basis[run]
         return float(weight @ self.deviation[run]), max(float(own @ self.covariance @ own), 0.0) ** 0.5
 
