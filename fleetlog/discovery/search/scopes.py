@@ -132,13 +132,13 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
     s = _slotted(problem, now, numbers)
     out = []
     for j, h in enumerate(numbers):
+        alone, cost = s.loosened(h.knobs[0])
         for column, scope, weight in _likely(s, j, h.knobs[0]):
             if column.left(weight) < (OWN if s.by_class else DISTINCT):
                 continue
             own = replace(h, knobs=tuple(replace(k, scope=scope) for k in h.knobs))
             gains, paid = column.validated(weight)
             if scope.timed:
-                alone, cost = s.loosened(h.knobs[0])
                 gains, paid = gains + alone, paid + cost
             out.append(Screened(own, float(gains.sum()) - paid - problem.price(own), gains))
     return out
