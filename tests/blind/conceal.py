@@ -8,8 +8,6 @@ charge falls by what the power adds. A force acts through the drive as the truck
 
 from __future__ import annotations
 
-import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +15,9 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from degrade import line
+from degrade import diagnosed_as, main
 
-from fleetlog.cli.main import cli as fleetlog
 from fleetlog.core.truck import Truck, load_truck
-from fleetlog.discovery.diagnose import diagnose
-from fleetlog.errors import FleetlogError
-from fleetlog.store import Dataset
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -105,20 +99,10 @@ def conceal(recorded: Path, truck: Truck, effect: str, out: Path) -> None:
 
 
 def diagnosed(folder: Path, effect: str) -> dict[str, Any]:
-    """The diagnosis of a recording in which an effect is concealed, imported as the command does."""
+    """The diagnosis of a recording in which an effect is concealed."""
     truck = load_truck(str(folder / "truck.toml"))
-    with tempfile.TemporaryDirectory() as scratch:
-        log, data = Path(scratch) / "log.csv", Path(scratch) / "data"
-        conceal(folder / "recorded.csv.gz", truck, effect, log)
-        site = ["--site", str(folder / "site.toml")]
-        fleetlog(["import", str(log), *site, "-o", str(data), "-q", "--no-recording"], standalone_mode=False)
-        return diagnose(Dataset(data), truck).verdict.document()
+    return diagnosed_as(folder, lambda log: conceal(folder / "recorded.csv.gz", truck, effect, log))
 
 
 if __name__ == "__main__":
-    folder = Path(sys.argv[1])
-    for effect in sys.argv[2:] or EFFECTS:
-        try:
-            print(f"| {folder.name} | {effect} | {line(diagnosed(folder, effect))} |", flush=True)
-        except FleetlogError as error:
-            print(f"| {folder.name} | {effect} | {error} |", flush=True)
+    main(EFFECTS, diagnosed)

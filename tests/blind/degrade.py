@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +37,16 @@ def degrade(recorded: Path, lack: str, out: Path) -> None:
 
 
 def diagnosed(folder: Path, lack: str) -> dict[str, Any]:
-    """The diagnosis of a recording without what it lacks, imported as the command does."""
+    """The diagnosis of a recording without what it lacks."""
+    return diagnosed_as(folder, lambda log: degrade(folder / "recorded.csv.gz", lack, log), lack != "network")
+
+
+def diagnosed_as(folder: Path, write: Callable[[Path], None], mapped: bool = True) -> dict[str, Any]:
+    """The diagnosis of a recording as it is written to a log, imported as the command does."""
     with tempfile.TemporaryDirectory() as scratch:
-        log, data = Path(scratch) / "poor.csv", Path(scratch) / "data"
-        degrade(folder / "recorded.csv.gz", lack, log)
-        site = [] if lack == "network" else ["--site", str(folder / "site.toml")]
+        log, data = Path(scratch) / "log.csv", Path(scratch) / "data"
+        write(log)
+        site = ["--site", str(folder / "site.toml")] if mapped else []
         fleetlog(["import", str(log), *site, "-o", str(data), "-q", "--no-recording"], standalone_mode=False)
         return diagnose(Dataset(data), load_truck(str(folder / "truck.toml"))).verdict.document()
 
@@ -56,10 +62,15 @@ def line(found: dict[str, Any]) -> str:
     return f"{'; '.join(says) or 'none'} | {errors}"
 
 
-if __name__ == "__main__":
+def main(every: Iterable[str], diagnosed: Callable[[Path, str], dict[str, Any]]) -> None:
+    """Print what is diagnosed of a folder in the cases that are asked for."""
     folder = Path(sys.argv[1])
-    for lack in sys.argv[2:] or LACKS:
+    for case in sys.argv[2:] or every:
         try:
-            print(f"| {folder.name} | {lack} | {line(diagnosed(folder, lack))} |", flush=True)
+            print(f"| {folder.name} | {case} | {line(diagnosed(folder, case))} |", flush=True)
         except FleetlogError as error:
-            print(f"| {folder.name} | {lack} | {error} |", flush=True)
+            print(f"| {folder.name} | {case} | {error} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(LACKS, diagnosed)
