@@ -55,6 +55,7 @@ class Log:
 
 
 EFFECTS: dict[str, Callable[[Log], Floats]] = {
+    "nothing": lambda log: log.power,
     "load of one truck": lambda log: log.power + 300.0 * log.first,
     "load since": lambda log: log.power + 400.0 * (log.share > 0.45),
     "load for a time": lambda log: log.power + 500.0 * ((log.share > 0.4) & (log.share < 0.7)),

@@ -36,3 +36,11 @@ def test_a_rough_floor_is_told_on_all_of_its_roads(shared_data: Path) -> None:
 def test_a_drag_of_all_trucks_does_not_follow_the_truck(shared_data: Path) -> None:
     for finding in found(shared_data, "drag"):
         assert "vehicle_id" not in finding["depends_on"]
+
+
+def test_an_efficiency_that_tolerances_imitate_is_noted(shared_data: Path) -> None:
+    """Mass, load, rolling resistance and others, each within its tolerance, say what 15 % less efficiency does."""
+    said = diagnosed(shared_data / "blind" / "none", "efficiency")
+    assert not said["findings"]
+    assert any("drivetrain_efficiency may be wrong" in note for note in said["notes"])
+    assert not any("may be wrong" in note for note in diagnosed(shared_data / "blind" / "none", "nothing")["notes"])

@@ -52,12 +52,10 @@ class Values:
 
 def large(v: Values) -> Mask:
     """Return the values that stand out: significant by themselves and not small beside the largest."""
-    known = v.samples >= FEW
     size = np.abs(v.deviation)
-    sure = known & (size > NORMAL * v.error) & (size > 0.0)
-    if not sure.any():
-        return sure
-    return np.asarray(sure & (size >= LARGE * float(np.quantile(size[sure], 0.9))))
+    sure = (v.samples >= FEW) & (size > NORMAL * v.error) & (size > 0.0)
+    least = LARGE * float(np.quantile(size[sure], 0.9)) if sure.any() else np.inf
+    return np.asarray(sure & (size >= least))
 
 
 def together(cells: Stretches, v: Values, mask: Mask) -> Mask:
@@ -94,8 +92,7 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
     """The largest value of an odd field, corrected for being picked; of others the mean."""
     first = term.parameters[0]
     if term.odd:
-        sure = mask & large(v)
-        mask = sure if sure.any() else mask
+        mask = sure if (sure := mask & large(v)).any() else mask
         none, chance = np.zeros(len(v.covariance)), np.random.default_rng(0)
         draws = chance.multivariate_normal(none, v.covariance, DRAWS, method="eigh")
         largest = np.abs(v.deviation[mask] + draws @ v.basis[mask].T).max(axis=1)

@@ -105,8 +105,10 @@ def unknown(depends_on: Sequence[str], where: Told, scope: Told, drag: bool = Fa
 
 
 def slight(term: str | None, depends_on: Sequence[str], share: float, least: float) -> str:
-    """Return the sentence of an effect that is no finding, since it moves less than the least share."""
+    """Return the sentence of an effect that is no finding: below the least share, or within tolerances."""
     what, moved = term or f"what depends on {_named(depends_on)}", f"{100.0 * share:.1f} % where it acts"
+    if share >= least:
+        return f"{what} may be wrong ({moved}), but small errors of other numbers together look the same"
     return f"{what} is more than chance, but moves only {moved}; findings begin at {percent(least)}"
 
 

@@ -95,7 +95,10 @@ def _best(
     counting = _counting(problem, sums, now, ranked, rivals, slight)
     first = next(counting, None)
     small = [(j.chosen[-1], size) for j, size in slight]
-    found.slight = next(((h, s.share) for h, s in small if _counts(problem, h, s, 0.0)), found.slight)
+    # Unseen trips confirm little of a number that the tolerances of others, all together, say as well.
+    large = {h for h, s in small if h.knobs and h.scope.whole and s.share >= problem.settings.material}
+    noted = [(h, s.share) for h, s in small if h in large or _counts(problem, h, s, 0.0)]
+    found.slight = max(noted, key=lambda one: one[1], default=found.slight)
     if first is not None and first.chosen[-1].term is None:
         # What the names say of places goes first: free time by place takes up all of it, and what no name
         # says.  Elsewhere one goes first of two that the model's own error may exchange for the curve.
@@ -295,7 +298,6 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
     """The candidates in the order in which they may be taken: the simplest of those that the model's own
     error may exchange. That error is alike in all trucks and hours, so between a part of them and all of them
     evidence decides."""
-
     part = min((j.score for j in ranked if not j.chosen[-1].scope.whole), default=np.inf)
 
     def order(j: Joint) -> tuple[int, float]:
@@ -342,8 +344,7 @@ def _counts(problem: Problem, h: Hypothesis, size: Size, material: float) -> boo
 
 def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> list[Rival]:
     out = []
-    gained = float((now.losses - joint.losses).sum())
-    own = joint.chosen[-1]
+    gained, own = float((now.losses - joint.losses).sum()), joint.chosen[-1]
     for other in ranked:
         h = other.chosen[-1]
         # A free curve that only repeats what the finding says is no rival to it.
