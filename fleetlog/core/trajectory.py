@@ -234,4 +234,4 @@ def as_labels(values: Values | None, n: int) -> Labels:
         return values
     if values is None:
         return Labels(np.full(n, -1, np.int32), ())
-    return Labels.of([None if v != v else f"{v:g}" for v in values])
+    return Labels.of([None if v != v else f"{v:g}" for v in values.tolist()])

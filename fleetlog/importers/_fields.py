@@ -2,15 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile, Source, has_date
 from fleetlog.importers._times import epoch_unit, microseconds
 from fleetlog.importers._units import EPOCH_UNITS, KINDS, Meaning, recognise, si_unit
-
-_PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 
 
 @dataclass
@@ -73,7 +71,7 @@ class Fields:
             style, text = self.profile.time_format, value.strip()
             dated = style is not None and "%" in style and has_date(style)
             moment = datetime.strptime(text, str(style)) if dated else datetime.fromisoformat(text)
-            return microseconds(moment if moment.tzinfo else moment.replace(tzinfo=self.profile.zone or UTC))
+            return microseconds(moment, self.profile.zone)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("no time")
         unit, likely = self.epoch if epoch == "" else epoch, epoch_unit(value)
@@ -81,7 +79,7 @@ class Fields:
             unit = likely if unit in (None, likely) else None
         if unit is None or not abs(value) < 1e19:
             raise ValueError("no time, or one that counts from an unknown start")
-        whole = value // 1000 if unit == "ns" and isinstance(value, int) else round(value * _PER[unit])
+        whole = value // 1000 if unit == "ns" and isinstance(value, int) else round(value * EPOCH_UNITS[unit])
         return self.profile.origin + whole
 
 

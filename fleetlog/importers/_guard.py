@@ -8,7 +8,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.columns import BY_NAME, HIVE_NULL
-from fleetlog.core.trajectory import Labels, Values
+from fleetlog.core.trajectory import Labels, Values, as_labels
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import TARGETS
@@ -101,9 +101,8 @@ def _column(name: str, values: Values, report: ReadReport) -> tuple[str, Values]
             return name, np.where(np.isnan(figures), -1, figures).astype(np.int64)
         report.note(f"{name!r} holds more than whole numbers: kept as {name + '_log'!r}")
         return f"{name}_log", values
-    if isinstance(values, Labels):
-        return name, _named(values)
-    return name, Labels.of([None if v != v else f"{v:g}" for v in values.tolist()]) if kind else values
+    is_text = kind or isinstance(values, Labels)
+    return name, _named(as_labels(values, len(values))) if is_text else values
 
 
 def _figures(values: Values) -> Floats:

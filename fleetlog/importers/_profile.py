@@ -4,7 +4,7 @@ import codecs
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import UTC, date, datetime, time
+from datetime import date, datetime, time
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -74,9 +74,7 @@ class Profile:
     @property
     def origin(self) -> int:
         """``time_origin`` in microseconds since 1970 UTC, 0 where there is none."""
-        if (given := self.time_origin) is None:
-            return 0
-        return microseconds(given if given.tzinfo else given.replace(tzinfo=self.zone or UTC))
+        return 0 if self.time_origin is None else microseconds(self.time_origin, self.zone)
 
     @property
     def zone(self) -> ZoneInfo | None:

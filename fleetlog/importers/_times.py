@@ -1,7 +1,7 @@
 """Times of logs as microseconds since 1970 UTC: ISO 8601, counts, formats, local times."""
 
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, tzinfo
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -23,7 +23,7 @@ EARLIEST_LOG, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2
 EARLIEST, LATEST = -9_214_560_000_000_000, 9_223_286_400_000_000
 """Times that a dataset can hold [us]: 1678-01-01 to 2262-04-11, what nanoseconds in 64 bits can count."""
 OF_DAY = r"^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$"
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
 
 
 @dataclass
@@ -63,21 +63,19 @@ def _epoch(stamps: Any) -> Ints:
 
 def epoch_unit(count: float) -> str | None:
     """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none does."""
-    dates = {unit: count * us if us > 0 else count / -us for unit, us in EPOCH_UNITS.items()}
-    return next((unit for unit, date in dates.items() if EARLIEST_LOG <= date <= _LATEST), None)
+    units = EPOCH_UNITS.items()
+    return next((unit for unit, us in units if EARLIEST_LOG <= count * us <= _LATEST), None)
 
 
 def from_counts(values: Floats | Ints, unit: str, origin: int = 0) -> Ints:
     """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or out of reach."""
-    us = EPOCH_UNITS[unit]
-    reach = (LATEST - EARLIEST) // us if us > 0 else (LATEST - EARLIEST) * -us
+    good = np.abs(values.astype(np.float64)) * EPOCH_UNITS[unit] < LATEST - EARLIEST
+    known = np.where(good, values, 0)
     if values.dtype.kind == "i":
-        good = np.abs(values.astype(np.float64)) < reach
-        whole = np.where(good, values, 0).astype(np.int64)
-        return np.where(good, origin + (whole * us if us > 0 else whole // -us), NONE)
-    good = np.isfinite(values) & (np.abs(values) < reach)
-    exact = np.where(good, values, 0.0)
-    return np.where(good, origin + np.rint(exact * us if us > 0 else exact / -us).astype(np.int64), NONE)
+        time = known.astype(f"timedelta64[{unit}]").astype("timedelta64[us]").astype(np.int64)
+    else:
+        time = np.rint(known * EPOCH_UNITS[unit]).astype(np.int64)
+    return np.where(good, origin + time, NONE)
 
 
 def of_day(cells: pa.Array, style: str) -> Ints:
@@ -133,12 +131,11 @@ def from_format(cells: pa.Array, style: str) -> tuple[Ints, Mask]:
     return time, np.full(len(cells), not zoned)
 
 
-def microseconds(moment: datetime) -> int:
-    """Microseconds since 1970 UTC; a time without a zone is taken for UTC."""
+def microseconds(moment: datetime, zone: tzinfo | None = None) -> int:
+    """Microseconds since 1970 UTC; a time that states no zone is taken for one of ``zone``, else for UTC."""
     if moment.tzinfo is None:
-        moment = moment.replace(tzinfo=UTC)
-    since = moment - _EPOCH
-    return (since.days * 86_400 + since.seconds) * 1_000_000 + since.microseconds
+        moment = moment.replace(tzinfo=zone or UTC)
+    return (moment - _EPOCH) // _MICROSECOND
 
 
 def iso_time(text: str) -> int:

@@ -71,8 +71,7 @@ def packed_minutes(values: Floats) -> Floats:
 _BY_SPELLING = {s: name for name, words in _TEXT["columns"].items() for s in [name, *words.split()]}
 _BY_SPELLING.update({n: n for n in NAMES})
 _COMPASS = frozenset(["course", "cog", "bearing", "track", "course_over_ground"])
-EPOCH_UNITS: dict[str, int] = {"s": 1_000_000, "ms": 1_000, "us": 1, "ns": -1_000}
-"""Microseconds in one unit; a negative figure divides."""
+EPOCH_UNITS = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}  # Microseconds in one unit
 _EPOCH_ALIASES = {alias: name for name, words in _TEXT["epoch"].items() for alias in words.split()}
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
