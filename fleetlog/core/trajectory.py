@@ -53,6 +53,7 @@ class Labels:
 
 
 Values = Floats | Ints | Labels | Array
+_TEXTS = (pa.types.is_string, pa.types.is_large_string, pa.types.is_dictionary)
 
 
 @dataclass(frozen=True)
@@ -120,9 +121,8 @@ class Trajectory:
 
     def to_pandas(self) -> pd.DataFrame:
         """The rows as a DataFrame: ``vehicle_id``, ``timestamp`` (UTC), then every known column."""
-        known = [n for n in cols.NAMES if n in self.columns or n in ("vehicle_id", "timestamp")]
-        own = sorted(set(self.columns) - set(cols.NAMES))
-        frame: pd.DataFrame = to_arrow(self).select([*known, *own]).to_pandas()
+        unknown = set(cols.NAMES) - {"vehicle_id", "timestamp", *self.columns}
+        frame: pd.DataFrame = to_arrow(self).drop_columns([*unknown]).to_pandas()
         return frame
 
     def to_geopandas(self, frame: Frame | None = None) -> gpd.GeoDataFrame:
@@ -196,17 +196,20 @@ def from_arrow(table: pa.Table, vehicle_id: str) -> Trajectory:
 
 
 def _numpy_values(chunk: pa.ChunkedArray, name: str) -> Values:
-    if pa.types.is_string(chunk.type) or pa.types.is_large_string(chunk.type):
-        chunk = chunk.dictionary_encode()
-    if pa.types.is_dictionary(chunk.type):
-        array = chunk.unify_dictionaries().combine_chunks()
-        codes = array.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int32)
-        return Labels(codes, tuple(array.dictionary.to_pylist()))
+    if any(is_text(chunk.type) for is_text in _TEXTS):
+        return labels_of(chunk)
     if name == "trip_id":
         return np.asarray(chunk.fill_null(-1).to_numpy(), dtype=np.int64)
     if pa.types.is_floating(chunk.type) or pa.types.is_integer(chunk.type):
         return np.asarray(chunk.cast(pa.float64()).to_numpy(), dtype=np.float64)
     return np.asarray(chunk.to_numpy())
+
+
+def labels_of(chunk: pa.ChunkedArray) -> Labels:
+    """A column of any kind as labels."""
+    array = chunk.dictionary_encode().unify_dictionaries().combine_chunks()
+    codes = np.asarray(array.indices.fill_null(-1), dtype=np.int32)
+    return Labels(codes, tuple(str(n) for n in array.dictionary.to_pylist()))
 
 
 def concatenate(pieces: Sequence[Trajectory]) -> Trajectory:

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.core.trajectory import Labels, Values
+from fleetlog.core.trajectory import Labels, Values, labels_of
 from fleetlog.importers._csv_clock import Clock, degrees, numbers
 from fleetlog.importers._fields import Fields
 from fleetlog.importers._open import ReadReport
@@ -65,14 +65,14 @@ class TableRows:
                 trip = self._figures(chunk, source.column, target, bad)
                 columns[target] = np.where(np.isfinite(trip), trip, -1).astype(np.int64)
             else:
-                columns[target] = labels(chunk)
+                columns[target] = labels_of(chunk)
         for name in self.fields.kept:
             chunk = table.column(name)
             if name not in self._figures_of and chunk.null_count < len(chunk):
                 text = pa.types.is_dictionary(chunk.type) or self._read(chunk, name)[1].any()
                 self._figures_of[name] = not text
             figures = self._figures_of.get(name, True)
-            columns[name] = self._figures(chunk, name, name, bad) if figures else labels(chunk)
+            columns[name] = self._figures(chunk, name, name, bad) if figures else labels_of(chunk)
         return columns
 
     def _figures(self, chunk: pa.ChunkedArray, name: str, target: str, bad: Masks) -> Floats:
@@ -88,7 +88,7 @@ class TableRows:
         if pa.types.is_null(chunk.type) or pa.types.is_floating(chunk.type):
             known = chunk.cast(pa.float64()).fill_null(np.nan) if chunk.null_count else chunk
             return np.array(known, dtype=np.float64), np.zeros(len(chunk), bool)
-        text = labels(chunk)
+        text = labels_of(chunk)
         read = degrees if name in self.angles else numbers
         values, wrong = read(pa.array(text.names, pa.string()), self.decimal)
         return np.append(values, np.nan)[text.codes], np.append(wrong, False)[text.codes]
@@ -106,7 +106,7 @@ class TableRows:
     def _vehicles(self, table: pa.Table) -> Labels:
         if self.fields.vehicle is None:
             return Labels(np.zeros(table.num_rows, np.int32), (self.vehicle,))
-        found = labels(table.column(self.fields.vehicle))
+        found = labels_of(table.column(self.fields.vehicle))
         return renamed(found, [name.strip() or None for name in found.names])
 
     def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> Labels:
@@ -131,10 +131,3 @@ class TableRows:
 def _refused(record: Ints, which: Mask, why: str, texts: Texts, whole: bool = True) -> list[Reject]:
     gone = record[which].tolist()
     return [Reject(n, why, text[:REJECT_TEXT], whole) for n, text in zip(gone, texts(gone), strict=True)]
-
-
-def labels(chunk: pa.ChunkedArray) -> Labels:
-    """The texts of a column."""
-    array = chunk.combine_chunks().dictionary_encode()
-    codes = np.asarray(array.indices.fill_null(-1), dtype=np.int32)
-    return Labels(codes, tuple(str(n) for n in array.dictionary.to_pylist()))

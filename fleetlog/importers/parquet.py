@@ -16,6 +16,7 @@ from fleetlog.errors import FormatError
 from fleetlog.importers._fields import fields_of
 from fleetlog.importers._open import refuse_packed
 from fleetlog.importers._profile import Source
+from fleetlog.importers._rows import renamed
 from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
 from fleetlog.importers.csv import unique
@@ -121,15 +122,13 @@ def _plain(array: pa.Array) -> pa.Array:
         array = array.dictionary_encode()
     names = array.dictionary
     if pa.types.is_string(names.type) or pa.types.is_large_string(names.type):
-        raw = names.cast(pa.large_binary()).to_pylist()
-        texts = [None if v is None else v.decode("utf-8", "replace") for v in raw]
-    else:
-        texts = [None if v is None else str(v) for v in names.to_pylist()]
+        names = names.cast(pa.large_binary())
+    told = (v.decode("utf-8", "replace") if isinstance(v, bytes) else v for v in names.to_pylist())
+    texts = [None if v is None else str(v) for v in told]
     codes = np.asarray(array.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int32)
     if codes.max(initial=-1) >= len(texts):
         raise pa.ArrowInvalid("a text that its dictionary does not have")
-    order = Labels.of(texts)
-    return own_array(Labels(np.append(order.codes, np.int32(-1))[codes], order.names))
+    return own_array(renamed(Labels(codes, ()), texts))  # equal texts become one
 
 
 def _named(vehicles: pa.Array, default: str) -> pa.Array:

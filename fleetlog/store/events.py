@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from fleetlog.core.arrays import Array, Floats, Ints
 from fleetlog.core.columns import ARROW, Column, schema_of
-from fleetlog.core.trajectory import Labels
+from fleetlog.core.trajectory import Labels, own_array
 from fleetlog.errors import InputError
 from fleetlog.store.dataset import Dataset
 
@@ -82,8 +82,7 @@ class Tables:
 
 def _array(values: Array | Labels | Lines, kind: str) -> pa.Array:
     if isinstance(values, Labels):
-        names = pa.array([*values.names, None], pa.string())
-        return names.take(pa.array(np.where(values.codes < 0, len(values.names), values.codes)))
+        return own_array(values).dictionary_decode()
     if isinstance(values, Lines):
         ends = np.concatenate([[0], np.cumsum(values.lengths)]).astype(np.int32)
         return pa.ListArray.from_arrays(ends, values.values)
