@@ -108,6 +108,7 @@ class Records(ABC):
     longest: ClassVar[int] = 4096  # Bytes of a line
     lacking: ClassVar[tuple[str, str]]  # What :meth:`nothing` says, unless a format overrides it
     recognised: ClassVar[dict[str, str]] = {}
+    left_out: ClassVar[dict[str, tuple[str, str]]] = {}  # Of the kinds in ``seen``: what they are, and why
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path, self.report, self.vehicle, self.origin = path, options.report, options.name, options.origin
@@ -132,6 +133,8 @@ class Records(ABC):
     def describe(self) -> None:
         """Tell the report what was recognised and left out."""
         self.report.recognised |= self.recognised
+        for kind, (noun, why) in self.left_out.items():
+            self.report.tally(self.seen[kind], noun, why)
 
     @classmethod
     def batches(cls, path: Path, options: ReadOptions) -> Iterator[RawBatch]:

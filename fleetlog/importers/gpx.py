@@ -15,7 +15,7 @@ from fleetlog.importers.base import Importer, ReadOptions, holding
 
 _KEPT = {"ele": "z", "hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
 _COURSES = ("course", "bearing")
-_STILL = {"wpt": "waypoint", "rtept": "route point"}
+_STILL = "left out: no motion"
 
 
 class _Gpx(Elements):
@@ -23,6 +23,7 @@ class _Gpx(Elements):
 
     wanted, passed = ("trkpt",), ("wpt", "rtept", "trkseg", "trk")
     recognised: ClassVar = {"lat, lon": "position, WGS 84", "time": "timestamp, ISO 8601", "ele": "z, from m"}
+    left_out: ClassVar = {"wpt": ("waypoint", _STILL), "rtept": ("route point", _STILL)}
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)
@@ -47,7 +48,7 @@ class _Gpx(Elements):
         self.rows.add_iso(self._vehicle, time, number, values, point.attrib)
 
     def nothing(self) -> tuple[str, str]:
-        others = [count(self.seen[t], noun) for t, noun in _STILL.items() if self.seen[t]]
+        others = [count(self.seen[t], noun) for t, (noun, _) in self.left_out.items() if self.seen[t]]
         what = f"no track in it, only {' and '.join(others)}" if others else "no track point in it"
         if self.seen["trkpt"]:
             points, why = count(self.seen["trkpt"], "track point"), self.rows.take().rejects[0].reason
@@ -59,8 +60,6 @@ class _Gpx(Elements):
         if len(self._tracks) > 1:
             tracks = count(len(self._tracks), "track")
             self.report.note(f"{tracks} with different names read as vehicle {self.vehicle}")
-        for tag, noun in _STILL.items():
-            self.report.tally(self.seen[tag], noun, "left out: no motion")
 
 
 def _known(values: dict[str, Any], name: str, text: str | None) -> bool:

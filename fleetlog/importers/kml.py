@@ -15,6 +15,7 @@ class _Kml(Elements):
 
     wanted, passed = ("Track", "Placemark"), ("LineString",)
     recognised: ClassVar = {"gx:coord, coordinates": "WGS 84 position, z in m", "when": "timestamp, ISO 8601"}
+    left_out: ClassVar = {"LineString": ("line", "without times left out")}
 
     def take(self, element: Any, _: int) -> None:
         tag = bare(element.tag)
@@ -39,10 +40,6 @@ class _Kml(Elements):
     def nothing(self) -> tuple[str, str]:
         lines = count(self.seen["LineString"], "line")
         return f"no track with times in it, {lines} without", "export it with times (gx:Track)"
-
-    def describe(self) -> None:
-        super().describe()
-        self.report.tally(self.seen["LineString"], "line", "without times left out")
 
 
 IMPORTER = Importer("kml", (".kml",), holding(b"<kml"), _Kml.batches)

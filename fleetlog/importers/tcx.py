@@ -21,11 +21,11 @@ class _Tcx(Elements):
         "Position": "position, WGS 84", "Time": "timestamp, ISO 8601", "AltitudeMeters": "z, from m",
         "Speed": "speed, from m/s",
     }  # fmt: skip
-    still = 0
+    left_out: ClassVar = {"still": ("trackpoint", "without a position left out")}
 
     def take(self, point: Any, number: int) -> None:
         if point.find("{*}Position") is None:
-            self.still += 1
+            self.seen["still"] += 1
             return
         texts = {bare(leaf.tag): leaf.text for leaf in point.iter()}
         values = {name: finite(texts[leaf]) for leaf, name in _LEAVES.items() if leaf in texts}
@@ -34,10 +34,6 @@ class _Tcx(Elements):
     def nothing(self) -> tuple[str, str]:
         points = count(self.seen["Trackpoint"], "trackpoint")
         return f"none of its {points} has time and position", "record the activity with its position"
-
-    def describe(self) -> None:
-        super().describe()
-        self.report.tally(self.still, "trackpoint", "without a position left out")
 
 
 IMPORTER = Importer("tcx", (".tcx",), holding(b"<TrainingCenterDatabase"), _Tcx.batches)
