@@ -185,8 +185,14 @@ class Decoder:
         self.no_fix: Counter[str] = Counter()
         self.record = 0
 
-    def feed(self, topic: str, time: int, data: Any) -> None:
-        """One message, received at ``time`` [us]; :meth:`ready` follows now and then."""
+    def batches(self, messages: Iterable[tuple[str, int, Any]]) -> Iterator[RawBatch]:
+        """The batches that messages fill: of each its topic, when it was received [us], and its data."""
+        for message in messages:
+            self._feed(*message)
+            if self.record % LOOKED_FOR == 0:
+                yield from (rows.take() for rows in (*self._rows.values(), self._log) if rows.full)
+
+    def _feed(self, topic: str, time: int, data: Any) -> None:
         self.record += 1
         if (role := self.roles.get(topic)) is None:
             return
@@ -210,12 +216,6 @@ class Decoder:
             if key not in self._rows:
                 self._rows[key] = Rows(*values, share=self._share)
             self._rows[key].add(vehicle, sample.stamp or time, self.record, values)
-
-    def ready(self) -> Iterator[RawBatch]:
-        """The batches that are full."""
-        for rows in (*self._rows.values(), self._log):
-            if rows.full:
-                yield rows.take()
 
     @property
     def positions(self) -> int:
@@ -259,9 +259,6 @@ def read_recording(
                 raise scan.report.nothing("nothing in it is whole", "record it again")
         roles = plan(walk.channels.values(), path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)
-        for channel, time, data in walk.messages():
-            decoder.feed(channel.name, time, data)
-            if decoder.record % LOOKED_FOR == 0:
-                yield from decoder.ready()
+        yield from decoder.batches(walk.messages())
         yield from decoder.finish()
         return walk.count

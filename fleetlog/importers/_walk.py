@@ -84,7 +84,7 @@ class Walk(ABC):
             self.channels, self.chunks, self.stated = {}, {}, 0
         return self.whole
 
-    def messages(self) -> Iterator[tuple[Topic, int, Any]]:
+    def messages(self) -> Iterator[tuple[str, int, Any]]:
         """Every whole message: topic, time [us], data; ``report`` hears of damage and gaps."""
         self.at = len(self.magic)
         while self.at < self.size:
@@ -108,7 +108,7 @@ class Walk(ABC):
                         self.say(f"a message of the unknown channel {number}")
                         continue
                     self.count += 1
-                    yield channel, time, data
+                    yield channel.name, time, data
             except FAULTS as error:
                 what = "chunk" if is_chunk else "record"
                 self.say(f"the {what} at byte {self.at:,} is damaged ({_why(error)})")

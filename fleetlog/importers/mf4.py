@@ -17,11 +17,10 @@ from fleetlog.errors import FormatError
 from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._open import refuse_packed
 from fleetlog.importers._profile import Source
+from fleetlog.importers._rows import BATCH
 from fleetlog.importers._times import from_counts, microseconds
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
 from fleetlog.registry import extra
-
-BATCH = 1 << 16
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:

@@ -14,7 +14,6 @@ from fleetlog.core.files import SETTINGS, open_regular, read_whole
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._messages import Topic
 from fleetlog.importers._open import LIMIT, Damaged, cut, plain_stem, plain_suffix, refuse_packed, unpack
-from fleetlog.importers._rows import LOOKED_FOR
 from fleetlog.importers._topics import Decoder, plan, read_recording
 from fleetlog.importers._walk import Item, Message, Record, Walk
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
@@ -182,10 +181,8 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             total = max(bag.message_count, 1)
             decoder = Decoder(roles, options.report, lambda: decoder.record / total if decoder else 0.0)
             wanted = [c for c in bag.connections if c.topic in roles]
-            for connection, time, data in bag.messages(connections=wanted):
-                decoder.feed(connection.topic, (time + 500) // 1000, data)
-                if decoder.record % LOOKED_FOR == 0:
-                    yield from decoder.ready()
+            messages = bag.messages(connections=wanted)
+            yield from decoder.batches((c.topic, (time + 500) // 1000, data) for c, time, data in messages)
         if decoder.record < (stated := sum(c.msgcount for c in wanted)):
             what = f"{decoder.record:,} of the {stated:,} messages"
             options.report.damaged(f"{what} that the bag counts are in it")
