@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.arrays import Floats
-from fleetlog.core.columns import BY_NAME
+from fleetlog.core.columns import BY_NAME, COLUMNS
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.exporters.base import Selection, iso_times, write_features
 
-PROPERTIES = (
-    "speed", "payload", "fork_height", "battery_power", "battery_voltage", "battery_current", "soc",
-    "ambient_temperature",
-)  # fmt: skip
+_PLACE = ("x", "y", "z", "heading", "edge_offset", "lateral_offset")
+PROPERTIES = tuple(c.name for c in COLUMNS if c.kind == "double" and c.name not in _PLACE)
 
 
 def write(selection: Selection, path: Path) -> None:
