@@ -3,7 +3,7 @@
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
@@ -65,39 +65,34 @@ class DatasetWriter:
     @contextmanager
     def create(
         cls, target: str | Path, kind: Kind, site: Site, *, overwrite: bool = False,
-        inputs: Iterable[Path] = (),
+        inputs: Iterable[Path] = (), old: Dataset | None = None,
     ) -> Iterator["DatasetWriter"]:  # fmt: skip
-        """A writer whose dataset appears as ``target`` when the block ends well; ``inputs`` are read."""
+        """A writer whose dataset appears as ``target`` when the block ends well; ``inputs`` are read. ``old``
+        is what stands there, where rows are added to it (:meth:`append`)."""
         if is_url(target):
-            place = uploaded(located(target), overwrite=overwrite)
+            place = uploaded(located(target), overwrite=overwrite, new=old is None)
         else:
             place = atomic_output(target, f"{kind} dataset", overwrite=overwrite, inputs=inputs)
         with place as scratch:
-            writer = cls(scratch, kind, site)
+            writer = cls(scratch, kind, site, NOTHING if old is None else _older(old))
+            writer.old = old
+            if old is not None and not is_url(target):
+                for name in ("trajectories", PARTIALS):
+                    share(old.path / name, scratch / name)
             yield writer
             writer.finish()
 
     @classmethod
-    @contextmanager
-    def append(cls, target: str | Path, *, inputs: Iterable[Path] = ()) -> Iterator["DatasetWriter"]:
+    def append(
+        cls, target: str | Path, *, inputs: Iterable[Path] = ()
+    ) -> AbstractContextManager["DatasetWriter"]:
         """A writer whose rows are added to the recorded dataset ``target`` when the block ends well. No file
         of its rows is written again: the new dataset takes the place of the older one at once, and shares
         them with it (as hard links; copies where the file system has none)."""
         old = Dataset(target)
         if old.kind != "recorded":
             raise DataError(f"is {old.kind}, not recorded: nothing can be added", where=target)
-        if is_url(target):
-            place = uploaded(old.path, new=False)
-        else:
-            place = atomic_output(target, "recorded dataset", overwrite=True, inputs=inputs)
-        with place as scratch:
-            if not is_url(target):
-                for name in ("trajectories", PARTIALS):
-                    share(old.path / name, scratch / name)
-            writer = cls(scratch, "recorded", old.site, _older(old))
-            writer.old = old
-            yield writer
-            writer.finish()
+        return cls.create(target, "recorded", old.site, overwrite=not is_url(target), inputs=inputs, old=old)
 
     def write(self, trajectory: Trajectory) -> None:
         """Append the rows of one vehicle; they must be later than those already written for it."""
