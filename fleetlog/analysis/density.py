@@ -171,17 +171,14 @@ def _task_table(dataset: Dataset, watched: Watched, s: pd.DataFrame) -> pd.DataF
     trips = dataset.trips
     if not len(s) or not len(trips):
         return pd.DataFrame()
-    out = []
-    for v in np.unique(s["truck"]):
-        mine = s[s["truck"] == v]
-        own = trips[trips.vehicle_id == watched.vehicles[v]].sort_values("start")
-        starts = own.start.astype("datetime64[us, UTC]").astype("int64").to_numpy()
-        k = np.searchsorted(starts, mine["time"], side="right") - 1
-        delay = np.bincount(np.clip(k, 0, None), weights=mine["delay"], minlength=len(own))
-        out.append(own[list(OF_TRIP)].assign(delay=delay))
-    table = pd.concat(out, ignore_index=True)
-    late: pd.DataFrame = table[table.delay > 0]
-    return late.sort_values("delay", ascending=False, ignore_index=True)
+    begun = trips.assign(trip=trips.index, time=trips.start.astype("datetime64[us, UTC]").astype("int64"))
+    who = np.array(watched.vehicles, dtype=object)[s["truck"]]
+    rows = pd.merge_asof(
+        s.assign(vehicle_id=who).sort_values("time"), begun.sort_values("time"), on="time", by="vehicle_id"
+    )
+    delay = rows.groupby("trip")["delay"].sum()
+    late = delay[delay > 0.0].sort_values(ascending=False, kind="stable")
+    return trips.loc[late.index, [*OF_TRIP]].assign(delay=late).reset_index(drop=True)
 
 
 def _shapes(
