@@ -15,17 +15,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.exporters.base import Selection
 from fleetlog.version import __version__
 
-_TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
-_NUMBER = {"type": "number"}
-_XYZ = {"type": "object", "properties": dict.fromkeys("xyz", _NUMBER)}
-_XYZW = {"type": "object", "properties": dict.fromkeys("xyzw", _NUMBER)}
-_POSE = {"type": "object", "properties": {"position": _XYZ, "orientation": _XYZW}}
-SCHEMAS: dict[str, dict[str, Any]] = {
-    "LocationFix": {"timestamp": _TIME, "frame_id": {"type": "string"}, "latitude": _NUMBER,
-                    "longitude": _NUMBER, "altitude": _NUMBER},
-    "PoseInFrame": {"timestamp": _TIME, "frame_id": {"type": "string"}, "pose": _POSE},
-    "Battery": {"timestamp": _TIME, "percentage": _NUMBER, "voltage": _NUMBER, "current": _NUMBER},
-}  # fmt: skip
+SCHEMAS: dict[str, Any] = json.loads(Path(__file__).with_name("foxglove.json").read_text(encoding="utf-8"))
 TOPICS = {"LocationFix": "fix", "PoseInFrame": "pose", "Battery": "battery"}
 _BATTERY = (
     ("percentage", "soc", 100.0), ("voltage", "battery_voltage", 1.0), ("current", "battery_current", -1.0),
@@ -43,9 +33,8 @@ def write(selection: Selection, path: Path) -> None:
 
         @cache
         def schema(kind: str) -> int:
-            title = f"foxglove.{kind}"
-            text = json.dumps({"title": title, "type": "object", "properties": SCHEMAS[kind]})
-            return int(writer.register_schema(title, "jsonschema", text.encode()))
+            text = json.dumps(SCHEMAS[kind])
+            return int(writer.register_schema(SCHEMAS[kind]["title"], "jsonschema", text.encode()))
 
         @cache
         def channel(vehicle: str, kind: str) -> int:
