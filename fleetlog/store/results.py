@@ -73,9 +73,7 @@ def _write_squares(table: pd.DataFrame, size: float, path: Path, frame: Frame | 
     wkb["order"], wkb["kind"], wkb["rings"], wkb["points"], wkb["xy"] = 1, 3, 1, 5, rings
     geometry = pa.array([polygon.tobytes() for polygon in wkb], pa.binary())
     arrow = pa.Table.from_pandas(table, preserve_index=False).append_column("geometry", geometry)
-    column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["Polygon"]}
-    if frame is None:
-        column["crs"] = None
+    column = {"encoding": "WKB", "geometry_types": ["Polygon"], **({} if frame else {"crs": None})}
     geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
     metadata = {**(arrow.schema.metadata or {}), b"geo": json.dumps(geo).encode()}
     pq.write_table(arrow.replace_schema_metadata(metadata), path.with_suffix(".parquet"))
