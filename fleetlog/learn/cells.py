@@ -62,9 +62,7 @@ def _manoeuvres(metres: Floats, dt: Floats, standing: Mask) -> Mask:
     long = time[turn[:, 1]] - time[turn[:, 0]] >= DWELL
     stands = np.concatenate([[-np.inf], way[turn[long, 0]], [np.inf]])
     after = np.searchsorted(stands, way)
-    before = np.maximum(after - 1, 0)
-    gap = np.minimum(stands[np.minimum(after, len(stands) - 1)] - way, way - stands[before])
-    return np.asarray(gap <= MANOEUVRE)
+    return np.asarray(np.minimum(stands[after] - way, way - stands[after - 1]) <= MANOEUVRE)
 
 
 def gather(tracks: Iterable[Driven]) -> Driven:

@@ -129,9 +129,7 @@ def with_places(site: Site, dataset: Dataset, min_visits: int) -> tuple[Site, pd
     site, names = mined_site(site, table)
     site = with_room(site, stands, cluster, names)
     room = {p.id: p.plugs for p in site.places}
-    table["place"] = names
-    table["plugs"] = [room[n] for n in names]
-    return site, table
+    return site, table.assign(place=names, plugs=[room[n] for n in names])
 
 
 def slow_zones(network: Network) -> tuple[Zone, ...]:
