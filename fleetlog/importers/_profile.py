@@ -179,9 +179,6 @@ def _source(target: str, value: Any, where: str) -> Source:
     if isinstance(value, str):
         return Source(value)
     place = f"columns.{target}"
-    if not isinstance(value, dict):
-        do = 'write { column = "...", unit = "..." }'
-        raise InputError(f"{value!r} names no column", where=where, place=place, do=do)
     value = table(value, _COLUMN, where, place)
     if "unit" in value and target not in KINDS:
         raise InputError("has no unit", where=where, place=place, do="leave the unit out")
