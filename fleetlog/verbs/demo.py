@@ -3,6 +3,7 @@
 import contextlib
 import shlex
 import shutil
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,7 @@ from fleetlog.store.output import atomic_output
 
 Step = tuple[str, str, tuple[Any, ...], dict[str, Any]]
 """What is done in words, the command, its arguments and its options."""
-WHERE = {
-    "recorded": "the replay: fleetlog view",
-    "simulated": "the simulated fleet: fleetlog view",
-    "diagnosis/report.html": "which physics the model lacks: a browser",
-    "density/density.png": "where trucks delay each other: a picture",
-}
+DEMO = tomllib.loads(Path(__file__).with_name("demo.toml").read_text(encoding="utf-8"))
 
 
 def sample_folder() -> Path:
@@ -52,7 +48,7 @@ def demo(
             for line in getattr(getattr(fleetlog, verb_), analysis or "__call__")(*given, **options).lines:
                 notice(line)
     notice("")
-    lines = ["Where to look", *(f"  {target / path!s:40s} {what}" for path, what in WHERE.items())]
+    lines = ["Where to look", *(f"  {target / path!s:40s} {what}" for path, what in DEMO["where"].items())]
     return Answer("demo", {"output": str(target)}, lines=lines, output=target, kind="demo")
 
 
@@ -68,19 +64,13 @@ def _data(target: Path, overwrite: bool) -> Answer:
 
 def steps(sample: Path) -> Iterator[Step]:
     """What the demo does; outputs are names in the folder that it works in."""
-    site, truck = sample / "site.toml", sample / "truck.toml"
-    again = {"site": site, "truck": truck, "like": "recorded", "seed": 1}
-    fleet = {**again, "vehicles": 8, "duration": "30m", "output": "simulated"}
-    mission = {**again, "same_mission": True, "physics": "diagnosis/model.toml", "output": "resimulated"}
-    after = {"truck": truck, "against": "resimulated", "output": "after"}
-    imported, recorded = {"site": site, "output": "recorded"}, ("recorded",)
-    yield "Five logs of eight trucks become one dataset", "import", (sample / "logs",), imported
-    yield "Where trucks delay each other", "analyze density", recorded, {"output": "density"}
-    yield "Where chargers belong", "analyze chargers", recorded, {"k": 2, "output": "chargers"}
-    yield "A fleet of the same kind, simulated", "simulate", (), fleet
-    yield "Which physics the model lacks", "diagnose", recorded, {"truck": truck, "output": "diagnosis"}
-    yield "The recorded trips again, with what was found", "simulate", (), mission
-    yield "Is the mismatch gone?", "diagnose", recorded, after
+
+    def here(value: Any) -> Any:
+        return value.replace("SAMPLE", str(sample)) if isinstance(value, str) else value
+
+    for step in DEMO["step"]:
+        options = {name: here(value) for name, value in step["options"].items()}
+        yield step["what"], step["command"], tuple(map(here, step["given"])), options
 
 
 def command_line(name: str, given: tuple[Any, ...], options: dict[str, Any]) -> str:
