@@ -27,7 +27,6 @@ STRETCH = 5.0
 MAX_CELLS = 25_000_000
 COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")
 ROW_COST = 1e-6  # What the sums of a row cost [s]
-Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -97,34 +96,32 @@ def by_name(layers: Floats) -> dict[str, Floats]:
     return named | {"energy": np.where(named["energy_time"] > 0, named["energy"], np.nan)}
 
 
-def cells_of(extents: list[Box], cell: float) -> Raster:
+def cells_of(extents: list[Floats], cell: float) -> Raster:
     """Whole cells around all extents (xmin, ymin, xmax, ymax)."""
-    low = np.floor(np.min([e[:2] for e in extents], axis=0) / cell - 1) * cell
-    high = np.ceil(np.max([e[2:] for e in extents], axis=0) / cell + 1) * cell
+    low = np.floor(np.min(extents, axis=0)[:2] / cell - 1) * cell
+    high = np.ceil(np.max(extents, axis=0)[2:] / cell + 1) * cell
     columns, rows = (int(n) for n in np.round((high - low) / cell))
     if rows * columns > MAX_CELLS:
         raise DataError(f"{rows} x {columns} cells are too many", do="choose a larger --cell")
     return Raster(float(low[0]), float(low[1]), cell, rows, columns)
 
 
-def extent(dataset: Dataset) -> Box:
-    """xmin, ymin, xmax, ymax of the positions and the roads [m]."""
-    boxes = [] if dataset.site.network is None else [dataset.site.network.extent]
+def extent(dataset: Dataset) -> Floats:
+    """(4,) xmin, ymin, xmax, ymax of the positions and the roads [m]."""
+    boxes = [] if dataset.site.network is None else [np.array(dataset.site.network.extent)]
     boxes += [b for b in each_day(dataset, _box, kinds=(Raster,), cost=0.2e-6) if b is not None]
     if not boxes:
         raise DataError("the dataset has no positions", do="import logs with positions")
-    low, high = np.min([b[:2] for b in boxes], axis=0), np.max([b[2:] for b in boxes], axis=0)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    return np.array([*np.min(boxes, axis=0)[:2], *np.max(boxes, axis=0)[2:]])
 
 
-def _box(dataset: Dataset, vehicle: str, date: str) -> Box | None:
-    """The extent of the positions of one vehicle-day."""
+def _box(dataset: Dataset, vehicle: str, date: str) -> Floats | None:
+    """(4,) extent of the positions of one vehicle-day."""
     t = dataset.read(vehicle, date, ("x", "y"))
     at = np.stack([t.floats("x"), t.floats("y")])
     if not np.isfinite(at[0]).any():
         return None
-    low, high = np.nanmin(at, axis=1), np.nanmax(at, axis=1)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    return np.array([*np.nanmin(at, axis=1), *np.nanmax(at, axis=1)])
 
 
 def stretches(network: Network | None) -> Ints:
