@@ -27,30 +27,26 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
 
     What comes after the first row and cannot be read, for whatever reason, is damage in ``options.report``.
     """
-    batches, last, latest = importer.read(path, options), 0, -1
-    while True:
-        try:
-            batch = next(batches, None)
-        except FleetlogError as error:
-            if not last:
-                raise
-            options.report.damaged(f"breaks off after record {last:,}: {error.what}")
-            return
-        except Exception as error:
-            what = fault(f"the reader of {importer.name}", error)
-            if isinstance(error, MemoryError):
-                what = "needs more memory than there is"
-            if not last:
-                raise FormatError(what, where=path, place="before the first row", do=REPORT) from error
-            options.report.damaged(f"breaks off after record {last:,}: {what}; {REPORT}")
-            return
-        if batch is None:
-            if 0 <= latest < EARLIEST_LOG and not options.origin:
-                options.report.note(UNKNOWN_START)
-            return
-        last = max(last, int(batch.record.max(initial=0)))
-        latest = max(latest, int(batch.time.max(initial=-1)))
-        yield _sound(batch, options)
+    last, latest = 0, -1
+    try:
+        for batch in importer.read(path, options):
+            yield _sound(batch, options)
+            last = max(last, int(batch.record.max(initial=0)))
+            latest = max(latest, int(batch.time.max(initial=-1)))
+    except FleetlogError as error:
+        if not last:
+            raise
+        options.report.damaged(f"breaks off after record {last:,}: {error.what}")
+    except Exception as error:
+        what = fault(f"the reader of {importer.name}", error)
+        if isinstance(error, MemoryError):
+            what = "needs more memory than there is"
+        if not last:
+            raise FormatError(what, where=path, place="before the first row", do=REPORT) from error
+        options.report.damaged(f"breaks off after record {last:,}: {what}; {REPORT}")
+    else:
+        if 0 <= latest < EARLIEST_LOG and not options.origin:
+            options.report.note(UNKNOWN_START)
 
 
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
