@@ -172,13 +172,12 @@ def with_chargers(site: Site, sites: pd.DataFrame) -> Site:
     kept = [p for p in site.places if p.kind != "charge"]
     taken = {p.id for p in kept}
     new = []
-    columns = (sites[c].to_numpy(dtype=float) for c in ("x", "y", "plugs"))
-    for number, (x, y, plugs) in enumerate(zip(*columns, strict=True), start=1):
+    for number, (x, y, plugs) in enumerate(sites[["x", "y", "plugs"]].to_numpy(float).tolist(), start=1):
         for plug in range(int(plugs)):
             name = f"charger-{number}" + (f"-{plug + 1}" if plug else "")
             while name in taken:
                 name += "p"
-            new.append(Place(name, "charge", float(x), float(y), power=power))
+            new.append(Place(name, "charge", x, y, power=power))
     return replace(site, places=(*new, *kept))
 
 
