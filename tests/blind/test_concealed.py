@@ -43,4 +43,6 @@ def test_an_efficiency_that_tolerances_imitate_is_noted(shared_data: Path) -> No
     said = diagnosed(shared_data / "blind" / "none", "efficiency")
     assert not said["findings"]
     assert any("drivetrain_efficiency may be wrong" in note for note in said["notes"])
-    assert not any("may be wrong" in note for note in diagnosed(shared_data / "blind" / "none", "nothing")["notes"])
+    assert not any(
+        "may be wrong" in note for note in diagnosed(shared_data / "blind" / "none", "nothing")["notes"]
+    )

@@ -86,6 +86,11 @@ class Hypothesis:
         """Whom and when it is about."""
         return self.knobs[0].scope if self.knobs else self.when
 
+    def of(self, scope: Scope) -> Hypothesis:
+        """Return the same of other trucks, or of another part of the time."""
+        knobs = tuple(replace(k, scope=scope) for k in self.knobs)
+        return replace(self, knobs=knobs) if knobs else replace(self, when=scope)
+
     @property
     def sources(self) -> tuple[Source, ...]:
         """Where its columns come from."""

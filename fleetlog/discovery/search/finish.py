@@ -7,6 +7,9 @@ from fleetlog.discovery.model import Model, field_values
 from fleetlog.discovery.search.joint import Joint, refit, scored, tuned
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
+from fleetlog.discovery.search.scopes import ended
+
+BY_CHANCE = 0.05  # Share of a field, by its squares, that may be implausible: one value in twenty is, of 95 %
 
 
 @dataclass(frozen=True)
@@ -38,10 +41,10 @@ def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> boo
         return True
     if not (h.patterns or h.field) or h.term is None or h.physics is None:
         return False
-    first = h.physics.parameters[0]
-    deviation = joint.model.fields[h.term]
-    values = field_values(first, deviation)[(problem.channel.passes(h.physics) > 0) & (deviation != 0.0)]
-    return bool((values <= first.low).any() or (values >= first.high).any())
+    first, deviation = h.physics.parameters[0], joint.model.fields[h.term]
+    value, weight = field_values(first, deviation), problem.channel.passes(h.physics) * deviation**2
+    beyond = weight[(value <= first.low) | (value >= first.high)].sum()
+    return bool(beyond > BY_CHANCE * weight.sum())
 
 
 def pruned(problem: Problem, found: Search) -> Search:
@@ -52,7 +55,9 @@ def pruned(problem: Problem, found: Search) -> Search:
         bound = [j for h, j in shorter.items() if on_bound(problem, found.joint, h)]
         if best.score - found.joint.score > problem.settings.evidence and not bound:
             break
-        found.joint = min(bound or [best], key=lambda j: j.score)
+        # What is implausible may be so only beside another, which then is the one to go.
+        plausible = [j for j in shorter.values() if not any(on_bound(problem, j, h) for h in j.chosen)]
+        found.joint = min((plausible if bound else []) or bound or [best], key=lambda j: j.score)
     return found
 
 
@@ -97,6 +102,8 @@ def shaped(problem: Problem, found: Search) -> Search:
             own = _swapped(problem, found, own, near, 0.0)
         if h.patterns and h.physics is not None and h.physics.odd:
             own = _swapped(problem, found, h, replace(h, patterns=(), field=True), problem.settings.evidence)
+        if own.scope.timed and not own.scope.drift:
+            own = _swapped(problem, found, own, ended(problem, found.joint, own), 0.0)
         if own != h:
             found.rivals[own.kind] = found.rivals.pop(h.kind, [])
     return found

@@ -52,7 +52,11 @@ def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint |
     # What gains most may be spread thinly over the site, and not count; waits gain less, at few places.
     waits = [s for s in worth if s.hypothesis.waits]
     better = better or (_best(problem, sums, now, found, screened, waits) if waits else None)
-    return now, better or _at_times(problem, now, found)
+    # Free values of places may be what a field of a part of the time says.
+    if better is None or (better.chosen[-1].term is None and better.chosen[-1].places):
+        timed = _at_times(problem, now, found)
+        better = min((j for j in (better, timed) if j is not None), key=lambda j: j.score, default=None)
+    return now, better
 
 
 def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
@@ -209,9 +213,12 @@ def _timed(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> t
 
 
 def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
-    if (h := narrowed(problem, now, joint)) is None:
-        return None
-    timed = refit(problem, now.model, [*joint.chosen[:-1], h], 2)
+    timed = joint
+    # Twice: a field of all the time is too even, and what it says of other places blurs where its time ends.
+    for _ in range(2):
+        if (h := narrowed(problem, now, timed)) is None or h.when == timed.chosen[-1].when:
+            break
+        timed = refit(problem, now.model, [*joint.chosen[:-1], h], 2)
     return timed if joint.score - timed.score > problem.settings.evidence else None
 
 
@@ -250,11 +257,11 @@ def _candidates(problem: Problem, sums: Sums, now: Joint, rest: Chosen) -> list[
     """Those of hypotheses that may be added to the model, places in simple shapes among them."""
     knobs = {k for h in now.chosen for k in h.knobs}
     taken = {h.kind for h in now.chosen}
-    placed = {h.term for h in now.chosen if h.when.timed}
+    times = {h.term: h.when for h in now.chosen if h.when.timed}
     joints = [now, *(scored(problem, sums, now.model, chosen) for chosen in tightened(now.chosen)[1:])]
     out = []
-    for h in rest:
-        if h not in taken and not set(h.knobs) & knobs and h.term not in placed:
+    for h in (replace(h, when=times.get(h.term, h.when)) for h in rest):
+        if h not in taken and not set(h.knobs) & knobs:
             out.append(h)
             if h.field and h.term:
                 out += [p for joint in joints for p in pattern_hypotheses(problem, sums, joint, h)]
@@ -284,9 +291,10 @@ def _exact(problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, Cho
     short: list[Joint] = []
     seen: dict[object, int] = {}
     for h, beside in worth.items():
-        kind = "fleet" if h.scope.whole else "truck" if h.scope.one is not None else "scoped"
+        part = "timed" if h.scope.timed else "truck" if h.scope.one is not None else "kind"
+        kind = "fleet" if h.scope.whole else part
         key = (h.term, kind, len(h.knobs)) if h.term else "free"
-        most = 3 if h.term is None or (h.physics and h.physics.field) else 2 if kind == "scoped" else 1
+        most = 3 if h.term is None or (h.physics and h.physics.field) else 2 if kind in ("timed", "kind") else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
             chosen = formed(problem, sums, now.model, (*beside, h), h)

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
 from fleetlog.discovery.model import Knob, Scope
 from fleetlog.discovery.recording.blocks import Windows
 from fleetlog.discovery.search.beside import Added, Beside, Screened
 from fleetlog.discovery.search.design import Atom, Design, make_design, of_hypothesis
-from fleetlog.discovery.search.joint import Joint
+from fleetlog.discovery.search.joint import Joint, said
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
 
@@ -136,7 +137,7 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
         for column, scope, weight in _likely(s, j, h.knobs[0]):
             if column.left(weight) < (OWN if s.by_class else DISTINCT):
                 continue
-            own = replace(h, knobs=tuple(replace(k, scope=scope) for k in h.knobs))
+            own = h.of(scope)
             gains, paid = column.validated(weight)
             if scope.timed:
                 gains, paid = gains + alone, paid + cost
@@ -153,6 +154,35 @@ def narrowed(problem: Problem, now: Joint, joint: Joint) -> Hypothesis | None:
     s = _slotted(problem, now, [Hypothesis(h.term, patterns=(shape,))])
     every = tuple(range(len(problem.channel.fleet.vehicles)))
     return replace(h, when=max(_parts(s.column(0), s.edges, every), key=lambda p: p[0])[1])
+
+
+def ended(problem: Problem, joint: Joint, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis of a part of the time with its ends where windows, not slots, say that they are."""
+    scope, fleet = h.scope, problem.channel.fleet
+    always, without = replace(scope, begin=-np.inf, until=np.inf), joint.without(h)
+    if h.knobs:
+        there = without.moved({replace(k, scope=always): joint.model.coordinate(k) for k in h.knobs})
+    else:
+        there = without.with_field(h.term or "", joint.model.fields[h.term or ""])
+
+    def told(unit: Unit) -> Floats:
+        """Times, and what the hypothesis says better of each window."""
+        use = unit.whole & (always.share(int(unit.windows.vehicle[0]), unit.windows.time) > 0.0)
+        off = (unit.recorded - said(problem, unit, replace(joint, model=m))[0] for m in (without, there))
+        gain = next(off) ** 2 - next(off) ** 2
+        return np.stack([unit.windows.time, problem.noise.weight(unit) * gain])[:, use]
+
+    time, gain = np.concatenate([told(u) for u in problem.training()], axis=1)
+    order = np.argsort(time)
+    total, between = np.append(0.0, np.cumsum(gain[order])), time[order][1:] / 2.0 + time[order][:-1] / 2.0
+    slot = fleet.span / _slots(len(fleet.vehicles))
+
+    def at(end: float, worth: Floats) -> float:
+        """Between which windows within a slot of an end most is gained."""
+        near = np.flatnonzero(np.abs(between - end) <= slot)
+        return float(between[near[worth[near + 1].argmax()]]) if near.size else end
+
+    return h.of(replace(scope, begin=at(scope.begin, -total), until=at(scope.until, total)))
 
 
 def stood_out(problem: Problem, now: Joint) -> list[Hypothesis]:
@@ -216,7 +246,7 @@ def _rows(
 
 def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slotted:
     vehicles, folds = len(problem.channel.fleet.vehicles), problem.settings.folds
-    slots = int(np.clip(GROUPS // vehicles, 12, SLOTS))
+    slots = _slots(vehicles)
     edges = problem.channel.fleet.moments(slots)
     k, j, groups = len(now.design.atoms), len(numbers), folds * vehicles * slots
     gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
@@ -239,6 +269,10 @@ def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slo
         tuple(a.knob for a in now.design.atoms),
         2.0 * problem.noise.design, any(_is_class(a) for a in now.design.atoms),
     )  # fmt: skip
+
+
+def _slots(vehicles: int) -> int:
+    return int(np.clip(GROUPS // vehicles, 12, SLOTS))
 
 
 def _is_class(atom: Atom) -> bool:
