@@ -46,3 +46,19 @@ def test_an_efficiency_that_tolerances_imitate_is_noted(shared_data: Path) -> No
     assert not any(
         "may be wrong" in note for note in diagnosed(shared_data / "blind" / "none", "nothing")["notes"]
     )
+
+
+def test_a_floor_that_is_rough_since_is_told_to_the_second_and_explains_all(shared_data: Path) -> None:
+    """Slots of the time are 225 s long; windows say where within them it began. Nothing else is told."""
+    said = diagnosed(shared_data / "blind" / "none", "rough floor since")
+    (only,) = said["findings"]
+    assert only["term"] == "surface_resistance" and only["scope"]["until"] is None
+    assert "T06:29:30" < only["scope"]["from"][10:] < "T06:30:40"
+    (power,) = (c for c in said["channels"] if c["name"] == "battery_power")
+    assert power["before"] > 0.2 and power["after"] <= 1.2 * power["floor"]
+
+
+def test_a_site_that_tilts_has_a_grade(shared_data: Path) -> None:
+    """A curve over the heading says as much, with eight numbers for two."""
+    (only,) = found(shared_data, "tilted site")
+    assert only["term"] == "grade"

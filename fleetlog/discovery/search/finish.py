@@ -79,14 +79,15 @@ def _shorter(problem: Problem, found: Search, h: Hypothesis) -> Joint:
 
 
 def _without(problem: Problem, joint: Joint, dropped: Hypothesis) -> Joint:
-    """The fit without one hypothesis; of the others those with shapes are scanned anew. A threshold that was
-    set beside it may be another alone."""
+    """The fit without one hypothesis; of the others those with shapes are scanned anew, and set. A threshold
+    that was set beside it may be another alone."""
     left = refit(problem, joint.without(dropped), [c for c in joint.chosen if c is not dropped], steps=2)
     for h in [h for h in left.chosen if h.setting]:
         if forms := _forms(problem, h):
             model = left.without(h)
             chosen = formed(problem, problem.sums(model, [*left.chosen, *forms]), model, left.chosen, h)
             left = min(left, refit(problem, model, chosen, steps=2), key=lambda j: j.score)
+        left, _ = _set(problem, left, next(c for c in left.chosen if (c.term, c.knobs) == (h.term, h.knobs)))
     return left
 
 
@@ -97,30 +98,38 @@ def shaped(problem: Problem, found: Search) -> Search:
     for h in found.joint.chosen:
         if h not in found.joint.chosen:  # A field has taken its place.
             continue
-        own = h
-        for near in (n for share in (0.5, 0.25, 0.125) for n in own.nearby(share)):
-            own = _swapped(problem, found, own, near, 0.0)
+        joint, own = _set(problem, found.joint, h)
         if h.patterns and h.physics is not None and h.physics.odd:
-            own = _swapped(problem, found, h, replace(h, patterns=(), field=True), problem.settings.evidence)
+            whole = replace(h, patterns=(), field=True)
+            joint, own = _swapped(problem, joint, h, whole, problem.settings.evidence)
         if own.scope.timed and not own.scope.drift:
-            own = _swapped(problem, found, own, ended(problem, found.joint, own), 0.0)
+            joint, own = _swapped(problem, joint, own, ended(problem, joint, own), 0.0)
+        found.joint = joint
         if own != h:
             found.rivals[own.kind] = found.rivals.pop(h.kind, [])
     return found
 
 
-def _swapped(problem: Problem, found: Search, own: Hypothesis, other: Hypothesis, least: float) -> Hypothesis:
-    """Put one hypothesis in the place of another if that predicts better; return the one that stands."""
-    chosen, model = [other if c is own else c for c in found.joint.chosen], found.joint.without(own)
+def _set(problem: Problem, joint: Joint, own: Hypothesis) -> tuple[Joint, Hypothesis]:
+    """The fit with the shape parameters of a hypothesis between the values that were scanned."""
+    for near in (n for share in (0.5, 0.25, 0.125) for n in own.nearby(share)):
+        joint, own = _swapped(problem, joint, own, near, 0.0)
+    return joint, own
+
+
+def _swapped(
+    problem: Problem, joint: Joint, own: Hypothesis, other: Hypothesis, least: float
+) -> tuple[Joint, Hypothesis]:
+    """Put one hypothesis in the place of another if that predicts better; and return the one that stands."""
+    chosen, model = [other if c is own else c for c in joint.chosen], joint.without(own)
     if other.field:  # For all stretches of its term, about the model as it is, at the variance that fits best
         chosen = [c for c in chosen if c is other or c.term != other.term]
-        model, sums = found.joint.model, problem.sums(found.joint.model, chosen)
+        model, sums = joint.model, problem.sums(joint.model, chosen)
         chosen = list(tuned(problem, sums, model, chosen).chosen)
     tried = refit(problem, model, chosen, 2)
-    if found.joint.score - tried.score <= least:
-        return own
-    found.joint = tried
-    return next(c for c in chosen if c.kind == other.kind)
+    if joint.score - tried.score <= least:
+        return joint, own
+    return tried, next(c for c in chosen if c.kind == other.kind)
 
 
 def formed(problem: Problem, sums: Sums, model: Model, chosen: Chosen, h: Hypothesis) -> Chosen:

@@ -173,7 +173,8 @@ def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Join
     state, as a few numbers are simpler than one for every road; and a number, be it of a part, one of all
     that is far likelier."""
     h, o = joint.chosen[-1], other.chosen[-1]
-    at_places = h.placed and o.curve is not None
+    # An even slope of the site is two numbers, where a curve over the heading is eight.
+    at_places = h.placed and o.curve is not None and not 0 < len(h.patterns) < o.curve.width
     numbers = h.knobs and o.knobs and o.scope.whole and not {k.fleet for k in h.knobs} & {*o.knobs}
     margin = problem.settings.evidence * (1.0 if at_places else -1.0)
     return bool(at_places or numbers) and _repeats(problem, sums, now, joint, other, margin)
@@ -294,7 +295,9 @@ def _exact(problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, Cho
         part = "timed" if h.scope.timed else "truck" if h.scope.one is not None else "kind"
         kind = "fleet" if h.scope.whole else part
         key = (h.term, kind, len(h.knobs)) if h.term else "free"
-        most = 3 if h.term is None or (h.physics and h.physics.field) else 2 if kind in ("timed", "kind") else 1
+        most = (
+            3 if h.term is None or (h.physics and h.physics.field) else 2 if kind in ("timed", "kind") else 1
+        )
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
             chosen = formed(problem, sums, now.model, (*beside, h), h)

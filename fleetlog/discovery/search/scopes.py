@@ -159,11 +159,12 @@ def narrowed(problem: Problem, now: Joint, joint: Joint) -> Hypothesis | None:
 def ended(problem: Problem, joint: Joint, h: Hypothesis) -> Hypothesis:
     """Return a hypothesis of a part of the time with its ends where windows, not slots, say that they are."""
     scope, fleet = h.scope, problem.channel.fleet
-    always, without = replace(scope, begin=-np.inf, until=np.inf), joint.without(h)
+    always, term = replace(scope, begin=-np.inf, until=np.inf), h.term or ""
     if h.knobs:
+        without = joint.model.without({*h.knobs}, set())
         there = without.moved({replace(k, scope=always): joint.model.coordinate(k) for k in h.knobs})
     else:
-        there = without.with_field(h.term or "", joint.model.fields[h.term or ""])
+        without, there = joint.without(h), joint.model.with_field(term, joint.model.fields[term])
 
     def told(unit: Unit) -> Floats:
         """Times, and what the hypothesis says better of each window."""
