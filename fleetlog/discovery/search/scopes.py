@@ -22,7 +22,7 @@ from fleetlog.discovery.search.joint import Joint, said
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
 
-SLOTS = 48  # Of the recorded time: a change is placed within a hundredth of it
+SLOTS = 48  # Of the recorded time: a change is found within a hundredth of it, and then placed by windows
 GROUPS = 600  # Trucks times slots at most: of large fleets the slots are wider
 SHORTEST = 3  # Slots that a period, and what is left of the recording, last at least: a sixteenth of it
 DISTINCT = 1e-3  # Share of a column's square that the model must leave of it: of less, nothing is learnt
