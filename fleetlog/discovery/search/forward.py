@@ -295,9 +295,8 @@ def _exact(problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, Cho
         part = "timed" if h.scope.timed else "truck" if h.scope.one is not None else "kind"
         kind = "fleet" if h.scope.whole else part
         key = (h.term, kind, len(h.knobs)) if h.term else "free"
-        most = (
-            3 if h.term is None or (h.physics and h.physics.field) else 2 if kind in ("timed", "kind") else 1
-        )
+        several = h.term is None or (h.physics is not None and h.physics.field)
+        most = 3 if several else 2 if kind in ("timed", "kind") else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
             chosen = formed(problem, sums, now.model, (*beside, h), h)
