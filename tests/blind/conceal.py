@@ -28,9 +28,9 @@ Mask = np.ndarray[Any, np.dtype[np.bool_]]
 
 @dataclass(frozen=True)
 class Log:
-    """Columns (n,) of a recording: time [s] and the share of it, vehicle, speed [m/s] and acceleration [m/s2], way to the
-    north and the east [m], weight with the load [N], height of the forks [m], temperature [degC], power [W] and state of
-    charge; ``own`` are the rows of each vehicle."""
+    """Columns (n,) of a recording: time [s] and the share of it, vehicle, speed [m/s], way to the north and the east [m],
+    weight with the load [N], height of the forks [m], temperature [degC], power [W] and state of charge; ``own`` are the
+    rows of each vehicle."""
 
     truck: Truck
     time: Floats
@@ -38,7 +38,6 @@ class Log:
     vehicle: np.ndarray[Any, Any]
     own: list[np.ndarray[Any, np.dtype[np.intp]]]
     speed: Floats
-    acceleration: Floats
     north: Floats
     east: Floats
     weight: Floats
@@ -65,12 +64,12 @@ class Log:
     @property
     def force(self) -> Floats:
         """That of the wheels on a level floor [N]."""
-        return self.weight * (self.truck.resistance.rolling + self.acceleration / GRAVITY)
+        return self.weight * (self.truck.resistance.rolling + self.rate(self.speed) / GRAVITY)
 
     @property
     def northward(self) -> Floats:
         """The cosine of the heading from north."""
-        ways = [self.along(lambda t, way: np.gradient(way, t), way) for way in (self.north, self.east)]
+        ways = self.rate(self.north), self.rate(self.east)
         return np.where(self.speed > 0.3, ways[0] / np.maximum(np.hypot(*ways), 1e-9), 0.0)
 
     def along(self, change: Callable[[Floats, Floats], Floats], column: Floats) -> Floats:
@@ -80,15 +79,19 @@ class Log:
             out[rows] = change(self.time[rows], column[rows])
         return out
 
+    def rate(self, column: Floats) -> Floats:
+        """How fast a column changes [1/s]."""
+        return self.along(lambda time, values: np.gradient(values, time), column)
+
     def pushed(self, force: Floats | float) -> Floats:
         """The power with a force [N] more against the motion."""
-        drive = self.truck.drive
+        drive, own = self.truck.drive, self.force
 
-        def drawn(force: Floats) -> Floats:
-            work = force * self.speed
+        def drawn(wheels: Floats) -> Floats:
+            work = wheels * self.speed
             return np.where(work > 0.0, work / drive.efficiency, work * drive.regeneration)
 
-        more = drawn(self.force + force) - drawn(self.force)
+        more = drawn(own + force) - drawn(own)
         return self.power + np.where(self.speed > 0.05, more, 0.0)
 
     def less_efficient(self, efficiency: float) -> Floats:
@@ -107,7 +110,7 @@ class Log:
 
     def lifting(self) -> Mask:
         """Whether the forks go up while the truck stands."""
-        return (self.along(lambda t, h: np.gradient(h, t), self.forks) > 0.05) & (self.speed < 0.05)
+        return (self.rate(self.forks) > 0.05) & (self.speed < 0.05)
 
     def late(self, seconds: float) -> Floats:
         """The power as it was some seconds before."""
@@ -176,13 +179,10 @@ def conceal(recorded: Path, truck: Truck, effect: str, out: Path) -> None:
     vehicle = table["vehicle_id"].to_numpy()
     own = [np.flatnonzero(vehicle == one) for one in np.unique(vehicle)]
     speed, latitude = np.nan_to_num(known("speed")), known("latitude")
-    acceleration = np.concatenate([np.gradient(speed[rows], time[rows]) for rows in own])[
-        np.argsort(np.concatenate(own))
-    ]
     east = np.cos(np.radians(np.nanmean(latitude))) * known("longitude")
     weight = GRAVITY * (truck.chassis.mass + np.nan_to_num(known("payload")))
     log = Log(
-        truck, time, (time - time.min()) / np.ptp(time), vehicle, own, speed, acceleration, DEGREE * latitude,
+        truck, time, (time - time.min()) / np.ptp(time), vehicle, own, speed, DEGREE * latitude,
         DEGREE * east, weight, known("fork_height"), known("ambient_temperature"), known("battery_power"), known("soc"),
     )  # fmt: skip
     power, soc = EFFECTS[effect](log), log.soc
