@@ -66,6 +66,11 @@ def wind(motion: Motion, truck: Truck, values: Values) -> Floats:
     return 0.5 * AIR_DENSITY * truck.resistance.drag_area * (u * np.abs(u) - motion.speed**2)
 
 
+def brake_drag(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """F = ``force`` [N] while rolling, 0 at rest: brake linings that rub, a tight bearing; not by load or speed."""
+    return np.where(motion.speed > 0.0, values.get("force", 0.0), 0.0)
+
+
 def viscous_drag(motion: Motion, truck: Truck, values: Values) -> Floats:
     """F = c v [N], ``coefficient`` c in N s/m: churning oil in gears and hubs, eddy currents; not by load."""
     return values.get("coefficient", 0.0) * motion.speed
