@@ -117,12 +117,7 @@ def told(d: Diagnosis, dataset: Dataset, name: str) -> str:
     return finding.statement
 
 
-LANES = pytest.mark.xfail(
-    reason="simulated trucks slow down before crossings, which free time by place explains before the term: unknown"
-)
-
-
-@pytest.mark.parametrize("kind", [pytest.param(k, marks=LANES) if k == "speed" else k for k in OWN])
+@pytest.mark.parametrize("kind", list(OWN))
 def test_a_term_of_a_users_own_is_found_written_simulated_drawn_and_worded(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

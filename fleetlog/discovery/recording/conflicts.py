@@ -116,14 +116,16 @@ def _worked(block: Block, first: int, last: int) -> bool:
 
 
 def on_road(leg: Leg) -> tuple[Leg, Mask]:
-    """A leg with every node on the nearest road of its way, and (N,) where it truly was off the map."""
+    """A leg with every node on the nearest road of its way, and (N,) where it truly was off the map: far from it,
+    or where it began or ended beside it, in a bay, in which no limit of a road tells how fast it goes."""
     off = leg.path.edge < 0
     if not off.any() or off.all():
         return leg, off
     on = np.flatnonzero(~off)
     near = on[np.abs(leg.distance[:, None] - leg.distance[on]).argmin(axis=1)]
     path = leg.path.replaced(edge=leg.path.edge[near], edge_offset=leg.path.edge_offset[near])
-    return replace(leg, path=path), np.abs(leg.distance - leg.distance[near]) > BESIDE
+    away = np.abs(leg.distance - leg.distance[near]) > BESIDE
+    return replace(leg, path=path), away | (np.arange(len(off)) < on[0]) | (np.arange(len(off)) > on[-1])
 
 
 @dataclass(frozen=True)
