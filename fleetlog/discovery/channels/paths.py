@@ -263,7 +263,7 @@ class Lost:
 
 
 Passed = tuple[Path, Mask, Ints, Floats, Floats]
-"""A path, which of its windows count, (W,), the trips of these, (W,), and at its nodes, (G,), the seconds
+"""A path, in which of its windows nobody was in the way, (W,), the trips of these, (W,), and at its nodes, (G,), the seconds
 that trucks are known to wait, whoever is there, and those that the free drive takes."""
 
 

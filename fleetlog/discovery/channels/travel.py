@@ -256,7 +256,7 @@ class TravelChannel(Channel):
             road = np.cumsum(np.diff(u.own.motion.edge, prepend=-1) != 0)
             wait, stood = (np.bincount(road, v) for v in (about.waits, u.own.standing))
             left = about.waits * np.maximum(1.0 - stood / np.maximum(wait, 1e-9), 0.0)[road]
-            yield u.own, u.whole & ~u.own.behind, u.windows.trip, left, about.seconds
+            yield u.own, ~u.own.behind, u.windows.trip, left, about.seconds
 
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load and modelled time of every window: what makes two passes alike."""

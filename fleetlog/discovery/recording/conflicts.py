@@ -117,15 +117,16 @@ def _worked(block: Block, first: int, last: int) -> bool:
 
 def on_road(leg: Leg) -> tuple[Leg, Mask]:
     """A leg with every node on the nearest road of its way, and (N,) where it truly was off the map: far from it,
-    or where it began or ended beside it, in a bay, in which no limit of a road tells how fast it goes."""
+    or beside it as it sets off or arrives, at more than its stand: no limit of a road holds in a bay."""
     off = leg.path.edge < 0
     if not off.any() or off.all():
         return leg, off
     on = np.flatnonzero(~off)
     near = on[np.abs(leg.distance[:, None] - leg.distance[on]).argmin(axis=1)]
     path = leg.path.replaced(edge=leg.path.edge[near], edge_offset=leg.path.edge_offset[near])
-    away = np.abs(leg.distance - leg.distance[near]) > BESIDE
-    return replace(leg, path=path), away | (np.arange(len(off)) < on[0]) | (np.arange(len(off)) > on[-1])
+    k, last, away = np.arange(len(off)), len(off) - 1 - on[-1], np.abs(leg.distance - leg.distance[near])
+    bay = (k < on[0]) & (on[0] > 1) | (k > on[-1]) & (last > 1)
+    return replace(leg, path=path), bay | (away > BESIDE)
 
 
 @dataclass(frozen=True)
