@@ -67,7 +67,7 @@ def wind(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 def brake_drag(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """F = ``force`` [N] while rolling, 0 at rest: brake linings that rub, a tight bearing; not by load or speed."""
+    """F = ``force`` [N] while rolling, 0 at rest: a brake that rubs, a tight bearing; not by load, speed."""
     return np.where(motion.speed > 0.0, values.get("force", 0.0), 0.0)
 
 

@@ -33,9 +33,17 @@ def test_a_rough_floor_is_told_on_all_of_its_roads(shared_data: Path) -> None:
     assert high_x - low_x > 200.0 and low_y > 60.0
 
 
-def test_a_drag_of_all_trucks_does_not_follow_the_truck(shared_data: Path) -> None:
-    for finding in found(shared_data, "drag"):
-        assert "vehicle_id" not in finding["depends_on"]
+@pytest.mark.parametrize(("recording", "effect", "newtons"), [
+    ("engine/clean", "drag", 500.0), ("blind/none", "drag of one truck", 400.0),
+])  # fmt: skip
+def test_a_brake_that_rubs_is_no_rolling_resistance(
+    recording: str, effect: str, newtons: float, shared_data: Path
+) -> None:
+    """Its force is the same with and without a load; it is told of the truck that has it, or of all."""
+    (only,) = diagnosed(shared_data / recording, effect)["findings"]
+    assert only["term"] == "brake_drag" and bool(only["scope"]["vehicles"]) == effect.endswith("one truck")
+    (force,) = only["parameters"]
+    assert force["low"] <= newtons <= force["high"]
 
 
 def test_an_efficiency_that_tolerances_imitate_is_noted(shared_data: Path) -> None:

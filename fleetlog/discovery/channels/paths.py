@@ -263,8 +263,8 @@ class Lost:
 
 
 Passed = tuple[Path, Mask, Ints, Floats, Floats]
-"""A path, in which of its windows nobody was in the way, (W,), the trips of these, (W,), and at its nodes, (G,), the seconds
-that trucks are known to wait, whoever is there, and those that the free drive takes."""
+"""A path, in which of its windows nobody was in the way, (W,), the trips of these, (W,), and at its nodes,
+(G,), the seconds that trucks are known to wait, whoever is there, and those that the free drive takes."""
 
 
 def usual_time(passed: Iterable[Passed], lanes: Stretches) -> Floats:
@@ -272,8 +272,7 @@ def usual_time(passed: Iterable[Passed], lanes: Stretches) -> Floats:
     total = np.zeros((2, len(lanes)))
     for path, whole, _, _, free in passed:
         cell, plain = lanes.at(path.motion)[0].astype(np.int64), whole[path.of]
-        total[0] += np.bincount(cell, plain * (path.took - path.standing - free), len(lanes))
-        total[1] += np.bincount(cell, plain * free, len(lanes))
+        total += [np.bincount(cell, plain * v, len(lanes)) for v in (path.took - path.standing - free, free)]
     return total
 
 

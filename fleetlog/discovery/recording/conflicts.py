@@ -116,17 +116,19 @@ def _worked(block: Block, first: int, last: int) -> bool:
 
 
 def on_road(leg: Leg) -> tuple[Leg, Mask]:
-    """A leg with every node on the nearest road of its way, and (N,) where it truly was off the map: far from it,
-    or beside it as it sets off or arrives, at more than its stand: no limit of a road holds in a bay."""
+    """A leg with every node on the nearest road of its way, and (N,) where it truly was off the map: far from
+    it, or beside it at either end, at more than its stand, as no limit of a road holds in a bay."""
     off = leg.path.edge < 0
     if not off.any() or off.all():
         return leg, off
     on = np.flatnonzero(~off)
+    first, last = on[[0, -1]]
     near = on[np.abs(leg.distance[:, None] - leg.distance[on]).argmin(axis=1)]
     path = leg.path.replaced(edge=leg.path.edge[near], edge_offset=leg.path.edge_offset[near])
-    k, last, away = np.arange(len(off)), len(off) - 1 - on[-1], np.abs(leg.distance - leg.distance[near])
-    bay = (k < on[0]) & (on[0] > 1) | (k > on[-1]) & (last > 1)
-    return replace(leg, path=path), bay | (away > BESIDE)
+    away = np.abs(leg.distance - leg.distance[near]) > BESIDE
+    away[:first] |= first > 1
+    away[last + 1 :] |= last < len(off) - 2
+    return replace(leg, path=path), away
 
 
 @dataclass(frozen=True)
@@ -147,8 +149,7 @@ class _Nodes:
 def hindered(found: Sequence[Route], free: Sequence[Floats], truck: Truck) -> list[tuple[Mask, Mask]]:
     """Return of each route of one day whether another truck was in the way at its nodes, and held it up until
     it left them, (N,). ``free`` (N,) of each is the speed that its roads allow [m/s]."""
-    n = _nodes(found)
-    v = np.concatenate(free)
+    n, v = _nodes(found), np.concatenate(free)
     drive = truck.drive
     i, j = _met(n, BODY + REACTION * v + v**2 / (2.0 * drive.max_deceleration))
     cosine = np.cos(n.course[i] - n.course[j])

@@ -311,13 +311,14 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
     part = min((j.score for j in ranked if not j.chosen[-1].scope.whole), default=np.inf)
 
     def order(j: Joint) -> tuple[int, float]:
-        """Numbers before places before fields before free curves; last what is not equal to the best."""
+        """Numbers before places before fields before free curves; last what is not equal to the best. What
+        the truck model has is wrong rather than something left out where both say the same (by one nat)."""
         h = j.chosen[-1]
         behind = h.scope.whole and j.score - part > problem.settings.evidence
-        if behind or verified(j, ranked[0]) >= problem.channel.model_error:
-            return 6, j.score
+        last = behind or verified(j, ranked[0]) >= problem.channel.model_error
         of_numbers = bool(h.scope.vehicles) + h.scope.timed
-        return of_numbers if h.knobs else 3 if h.patterns else 4 if h.field and h.term else 5, j.score
+        kind = of_numbers if h.knobs else 3 if h.patterns else 4 if h.field and h.term else 5
+        return 6 if last else kind, j.score - bool(h.physics and h.physics.nominal)
 
     return sorted(ranked, key=order)
 
