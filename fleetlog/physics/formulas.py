@@ -67,8 +67,8 @@ def wind(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 def brake_drag(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """F = ``force`` [N] while rolling, 0 at rest: a brake that rubs, a tight bearing; not by load, speed."""
-    return np.where(motion.speed > 0.0, values.get("force", 0.0), 0.0)
+    """F = ``brake_force`` [N] while rolling, 0 at rest: a brake that rubs, a tight bearing; not by load."""
+    return np.where(motion.speed > 0.0, values.get("brake_force", 0.0), 0.0)
 
 
 def viscous_drag(motion: Motion, truck: Truck, values: Values) -> Floats:

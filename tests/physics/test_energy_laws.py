@@ -24,7 +24,7 @@ from fleetlog.physics.power import Own, Physics, all_terms, battery_power, ledge
 TRUCK = load_truck("three-wheel-2t")
 RICH = {
     "surface_resistance": {"factor": 1.4}, "wind": {"wind_east": 4.0, "wind_north": -2.0}, "cornering_resistance": {"k": 0.03},
-    "viscous_drag": {"coefficient": 20.0}, "brake_drag": {"force": 120.0}, "rotational_inertia": {"factor": 1.1}, "payload": {"factor": 1.2},
+    "viscous_drag": {"coefficient": 20.0}, "brake_drag": {"brake_force": 120.0}, "rotational_inertia": {"factor": 1.1}, "payload": {"factor": 1.2},
     "drivetrain_efficiency": {"efficiency": 0.7}, "regeneration": {"regeneration": 0.4}, "grade": {"slope": 0.01},
     "thermal_load": {"heating": 60.0, "cooling": 30.0, "threshold": 12.0}, "auxiliary_load": {"power": 500.0},
 }  # fmt: skip

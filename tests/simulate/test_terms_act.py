@@ -88,7 +88,7 @@ CASES = {
     "auxiliary_load": ({"power": 1200.0}, energy, 1.2),
     "battery_capacity": ({"capacity_wh": 15000.0}, used, 1.8),
     "battery_resistance": ({"resistance": 0.1}, used, 1.01),
-    "brake_drag": ({"force": 400.0}, energy, 1.1),
+    "brake_drag": ({"brake_force": 400.0}, energy, 1.1),
     "braking": ({"deceleration": 0.3}, lambda rows: changes(rows, -1.0), 0.7),
     "copper_loss": ({"k": 1e-4}, energy, 1.02),
     "cornering_resistance": ({"k": 0.5}, energy, 1.02),
