@@ -209,28 +209,26 @@ def _finding(
     whose: Scope, parameters: list[Parameter], own: Errors,
 ) -> Finding:  # fmt: skip
     channel, term = problem.channel, h.physics
-    scope = words.scope(whose, channel.fleet.vehicles)
-    rivals = _open(found, h)
+    scope, rivals = words.scope(whose, channel.fleet.vehicles), _open(found, h)
     # The share of the finding's gain that each rival reached, on the trips of the search
     others = [
-        {"term": r.hypothesis.term or "unknown", "depends_on": list(r.hypothesis.depends_on),
+        {"term": r.hypothesis.name, "depends_on": list(r.hypothesis.depends_on),
          "held_out_gain": None if own.gain is None else own.gain * r.share}
         for r in found.rivals.get(h.kind, [])[:6]
     ]  # fmt: skip
-    drag = h.curve is not None and h.curve.mode == "drag"
-    unknown = words.unknown(h.depends_on, where, scope, drag)
+    unknown = words.unknown(h.depends_on, where, scope)
     text = words.statement(term, parameters, where, scope) if term else unknown
     return Finding(
-        h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on),
+        h.name, channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on),
         where, when, scope, parameters, own.evidence(others), own.fit, own.gain or 0.0,
     )  # fmt: skip
 
 
 def _open(found: Search, h: Hypothesis) -> list[str]:
     """Rivals that the trips cannot tell from a finding, once each."""
-    near = [r for r in found.rivals.get(h.kind, []) if r.behind < EXCLUDED]
+    near = [r.hypothesis for r in found.rivals.get(h.kind, []) if r.behind < EXCLUDED]
     chosen = {c.term for c in found.joint.chosen}
-    names = [r.hypothesis.term or f"unknown({','.join(r.hypothesis.depends_on)})" for r in near]
+    names = [o.name if o.name == o.term else f"{o.name}({','.join(o.depends_on)})" for o in near]
     return [n for n in dict.fromkeys(names) if n not in chosen]
 
 

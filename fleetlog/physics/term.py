@@ -115,6 +115,7 @@ class Term:
     """Of a sensor term, how the fault is measured:
     by the clock of power, as a mean over time, by the scale of speed."""
     told: bool = True  # Whether it can be a finding; else it is only a tolerance of the truck file
+    in_vocabulary: bool = True  # Else ``diagnosis.json`` says `unknown` and the numbers
     needs: str = ""  # What recording shows this effect apart from others; an imperative clause
     advice: str = ""  # What to do about it in the plant; imperative, without a full stop
 

@@ -39,9 +39,12 @@ def test_a_rough_floor_is_told_on_all_of_its_roads(shared_data: Path) -> None:
 def test_a_brake_that_rubs_is_no_rolling_resistance(
     recording: str, effect: str, newtons: float, shared_data: Path
 ) -> None:
-    """Its force is the same with and without a load; it is told of the truck that has it, or of all."""
+    """Its force is the same with and without a load. No word of the vocabulary says so; sentence and number do."""
     (only,) = diagnosed(shared_data / recording, effect)["findings"]
-    assert only["term"] == "brake_drag" and bool(only["scope"]["vehicles"]) == effect.endswith("one truck")
+    of_one = effect.endswith("one truck")
+    assert only["term"] == "unknown" and "a brake that rubs" in only["statement"]
+    assert only["depends_on"] == ["vehicle_id" if of_one else "driving"]
+    assert bool(only["scope"]["vehicles"]) == of_one
     (force,) = only["parameters"]
     assert force["low"] <= newtons <= force["high"]
 

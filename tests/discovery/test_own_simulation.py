@@ -66,4 +66,4 @@ def test_without_loads_a_drag_is_that_of_the_truck_file_and_the_other_is_not_exc
     name, value = {"rolling_resistance": ("coefficient", 0.019), "brake_drag": ("brake_force", 350.0)}[term]
     found = told(tmp_path, f"[term.{term}]\n{name} = {value}\n", ("battery_power",), rated_load=0)
     assert list(found) == ["rolling_resistance"]
-    assert "brake_drag" in found["rolling_resistance"]["not_excluded"]
+    assert "unknown(driving)" in found["rolling_resistance"]["not_excluded"]

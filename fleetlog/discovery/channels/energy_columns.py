@@ -197,7 +197,6 @@ class EnergyAbout(About):
         moving = (m.speed > 0.0).astype(float)
         power = {
             "force": UNIT["force"] * GRAVITY * e.mass * e.gain,
-            "drag": UNIT["drag"] * GRAVITY * e.physics.truck.chassis.mass * e.gain,
             "drive": UNIT["drive"] * np.maximum(e.force * e.gain, 0.0),
             "power": np.full(len(m), UNIT["power"]),
             "moving": UNIT["moving"] * moving,

@@ -113,12 +113,18 @@ class Hypothesis:
                     yield replace(self, setting=(*self.setting[:i], (name, moved), *self.setting[i + 1 :]))
 
     @property
+    def name(self) -> str:
+        """What ``diagnosis.json`` calls it."""
+        return self.physics.name if self.physics and self.physics.in_vocabulary else "unknown"
+
+    @property
     def depends_on(self) -> tuple[str, ...]:
         """The variables that the mismatch follows."""
         if self.curve is not None:
             return self.curve.variables or ("standing" if self.curve.mode == "still" else "driving",)
         own = self.physics.depends_on if self.physics else ("x", "y")
-        own = (*own, "vehicle_id") if self.scope.vehicles else own
+        if self.scope.vehicles:
+            own = (*(v for v in own if v != "driving"), "vehicle_id")
         return (*own, "time") if self.scope.timed and "time" not in own else own
 
     @property

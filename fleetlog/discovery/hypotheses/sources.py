@@ -16,10 +16,10 @@ from fleetlog.discovery.model import FLEET, Knob, Scope
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
-Mode = Literal["force", "drag", "drive", "power", "moving", "still", "time"]
+Mode = Literal["force", "drive", "power", "moving", "still", "time"]
 
-UNIT = dict(force=0.01, drag=0.01, drive=0.1, power=300.0, moving=300.0, still=300.0, time=0.1)
-"""Of a coefficient: shares of the weight (drag: empty), of the drive's power, watts, shares of the time."""
+UNIT = dict(force=0.01, drive=0.1, power=300.0, moving=300.0, still=300.0, time=0.1)
+"""Of a coefficient: shares of the weight, of the drive's power, watts, shares of the time."""
 SLOW = frozenset({"ambient_temperature", "time", "soc", "day", "time since start"})
 """Variables that change over hours: whole stretches of hours are their independent samples, not trips."""
 LEAST_RANGE = {"payload": 50.0, "soc": 0.02, "ambient_temperature": 1.5}
@@ -72,9 +72,8 @@ class FreeCurve:
     """Hat functions over ``knots`` of each of its variables (cubic ones would swing beside steps); codes (the
     vehicle) have classes.
 
-    By ``mode`` it acts through the drive (``force``, or ``drag`` whatever the load), on what the drive draws
-    (``drive``), on the battery (``power``), on it while the truck moves or stands (``moving``, ``still``), or
-    on the travel ``time``."""
+    By ``mode`` it acts through the drive (``force``), on what the drive draws (``drive``), on the battery
+    (``power``), on it while the truck moves or stands (``moving``, ``still``), or on the travel ``time``."""
 
     mode: Mode
     variables: tuple[str, ...]
@@ -173,7 +172,7 @@ def energy_curves(
     knots: Mapping[str, tuple[float, ...]], vehicles: int, days: int, trips: tuple[str, ...]
 ) -> list[FreeCurve]:
     """Return the free curves of an energy channel; ``trips`` names those with a value of their own."""
-    out = [FreeCurve("force", ("heading",), (), 4), FreeCurve("still", (), ()), FreeCurve("drag", (), ())]
+    out = [FreeCurve("force", ("heading",), (), 4), FreeCurve("still", (), ())]
     for name, k in knots.items():
         if name not in ("lift_speed", "fork_height"):
             out.append(FreeCurve("force", (name,), (k,)))
@@ -186,8 +185,7 @@ def energy_curves(
     for mode, a, b in (("moving", "payload", "speed"), ("force", "ambient_temperature", "speed")):
         if a in knots and b in knots:
             out.append(FreeCurve(mode, (a, b), (_few(knots[a]), _few(knots[b]))))  # type: ignore[arg-type]
-    out += _by_class(("drag", "force", "power"), vehicle_id=vehicles)  # A drag is as of a brake
-    out += _by_class(("force", "power"), day=days)
+    out += _by_class(("force", "power"), vehicle_id=vehicles, day=days)
     return out + [replace(c, classes=trips) for c in _by_class(("force", "power"), trip_id=len(trips))]
 
 

@@ -96,10 +96,8 @@ def advice(f: Finding) -> str:
     return ". ".join(parts) or "Compare the trucks, places and hours that it follows"
 
 
-def unknown(depends_on: Sequence[str], where: Told, scope: Told, drag: bool = False) -> str:
-    """Return the sentence of a mismatch that no term explains; of one that is a ``drag`` of trucks."""
-    if drag and ((scope and scope["vehicles"]) or "driving" in depends_on):
-        return _of(scope, "A force acts whatever the load, as of a dragging brake; no known term explains it")
+def unknown(depends_on: Sequence[str], where: Told, scope: Told) -> str:
+    """Return the sentence of a mismatch that no term explains."""
     at = f", mostly {place(where)}" if where else ""
     return _of(scope, f"A mismatch that no known term explains depends on {_named(depends_on)}{at}")
 
