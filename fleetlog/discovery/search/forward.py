@@ -318,7 +318,7 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
         last = behind or verified(j, ranked[0]) >= problem.channel.model_error
         of_numbers = bool(h.scope.vehicles) + h.scope.timed
         kind = of_numbers if h.knobs else 3 if h.patterns else 4 if h.field and h.term else 5
-        return 6 if last else kind, j.score - bool(h.physics and h.physics.nominal)
+        return 6 if last else kind, j.score - bool(h.knobs and h.physics and h.physics.nominal)
 
     return sorted(ranked, key=order)
 
