@@ -220,7 +220,7 @@ def _finding(
     text = words.statement(term, parameters, where, scope) if term else unknown
     return Finding(
         h.name, channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on),
-        where, when, scope, parameters, own.evidence(others), own.fit, own.gain or 0.0,
+        where, when, scope, parameters, own.evidence(others), own.fit, own.gain or 0.0, h.term,
     )  # fmt: skip
 
 

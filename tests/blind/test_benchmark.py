@@ -14,8 +14,7 @@ from run import run
 @pytest.mark.parametrize(
     "name",
     [
-        "none,seed=1002", "drivetrain_efficiency,seed=1002", "waiting,seed=1002", "auxiliary_load+grade,seed=1002",
-        "lift_efficiency+wind,seed=1002", "warm_up,seed=1002",
+        "auxiliary_load+grade,seed=1002", "lift_efficiency+wind,seed=1002", "warm_up,seed=1002",
         # A heating's threshold, two numbers that a curve says as well, power in steps (decision 41).
         "thermal_load+drivetrain_efficiency+lift_efficiency,seed=5005",
         "viscous_drag+rolling_resistance,together=opposite,seed=5005",

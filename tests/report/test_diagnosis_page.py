@@ -54,6 +54,8 @@ def test_an_odd_truck_is_named_and_is_to_be_compared_with_the_others() -> None:
     odd = replace(WORN, term="unknown", scope=scope, where=None, needs="record more")
     assert "other trucks" in _finding(odd)[1] and _finding(odd)[2] == "    To go on: record more."
     assert "depends on" in unknown(["vehicle_id"], None, SCOPE)
+    # What is fitted as physics that no word of the verdict names is not to be compared, but mended.
+    assert all_terms()["brake_drag"].advice in _finding(replace(odd, physics="brake_drag"))[1]
 
 
 def test_what_unseen_trips_speak_against_is_said_to_be_unconfirmed() -> None:

@@ -68,6 +68,7 @@ class Finding:
     evidence: dict[str, Any]
     fit: dict[str, Any]
     strength: float = 0.0  # Share of the energy (or time) that it makes up, for the order; not written
+    physics: str | None = None  # The term, also of an ``unknown`` that is fitted as one; not written
 
 
 @dataclass
@@ -120,7 +121,7 @@ class Verdict:
         """The contract's diagnosis.json."""
 
         def named(values: list[tuple[str, Any]]) -> dict[str, Any]:
-            return {k: v for k, v in values if k not in ("nominal", "strength")}
+            return {k: v for k, v in values if k not in ("nominal", "strength", "physics")}
 
         return {
             "format_version": 2, "verdict": self.word, "channels": [asdict(c) for c in self.channels],

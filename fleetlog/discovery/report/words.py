@@ -86,11 +86,10 @@ def statement(term: Term, parameters: list[Parameter], where: Told, scope: Told)
 
 def advice(f: Finding) -> str:
     """Return what to do: of a time, look for what changed; of a term, what it says; of trucks, compare."""
-    term = all_terms().get(f.term)
+    term = all_terms().get(f.physics or f.term)
     parts = ["Find out what changed then"] if f.scope["from"] or f.scope["until"] else []
     parts += [term.advice] if term is not None and term.advice else []
-    if term is None and f.scope["vehicles"]:
-        parts.append("Compare with the other trucks: brakes, tyres, drive")
+    parts += ["Compare with the other trucks: brakes, tyres, drive"] if not term and f.scope["vehicles"] else []
     if not parts and f.needs:
         parts = [f"{f.needs[:1].upper()}{f.needs[1:]}"]
     return ". ".join(parts) or "Compare the trucks, places and hours that it follows"
