@@ -73,3 +73,13 @@ def test_a_site_that_tilts_has_a_grade(shared_data: Path) -> None:
     """A curve over the heading says as much, with eight numbers for two."""
     (only,) = found(shared_data, "tilted site")
     assert only["term"] == "grade"
+
+
+def test_a_load_of_one_truck_since_is_told_where_few_folds_have_its_hours(shared_data: Path) -> None:
+    """Three folds of ten hold that truck after that time, one of them most of it: each alone is evident."""
+    told = diagnosed(shared_data / "traffic" / "none_dense", "load of one truck since")["findings"]
+    (load,) = (f for f in told if f["term"] != "congestion")
+    assert load["term"] == "auxiliary_load" and load["scope"]["vehicles"] == ["F01"]
+    assert load["scope"]["from"][10:16] == "T05:44" and load["scope"]["until"] is None
+    added = next(p for p in load["parameters"] if p["name"] == "added_power")
+    assert added["low"] <= 600.0 <= added["high"]

@@ -71,11 +71,10 @@ def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
     worth = [s for s in screened if _significant(problem, now, s)]
     if (better := _best(problem, sums, now, found, screened, worth)) is None:
         return None
-    own = better.chosen[-1]
-    always = refit(problem, now.model, [*better.chosen[:-1], replace(own, when=FLEET)], 2)
+    always = refit(problem, now.model, [*better.chosen[:-1], better.chosen[-1].of(FLEET)], 2)
     if always.score - better.score > problem.settings.evidence:
         return better
-    found.rivals[always.chosen[-1].kind] = found.rivals[own.kind]
+    found.rivals[always.chosen[-1].kind] = found.rivals[better.chosen[-1].kind]
     return always
 
 
@@ -271,10 +270,12 @@ def _candidates(problem: Problem, sums: Sums, now: Joint, rest: Chosen) -> list[
 
 def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
     """Whether what speaks for a hypothesis is beyond chance, and beyond the model's own error."""
-    # Folds without a passage of the place say nothing of it.
-    told = s.by_fold[np.abs(s.by_fold) > NOTHING * np.abs(s.by_fold).max()]
+    # Folds without a passage of the place say nothing; others may differ, where each is evident by itself.
+    settings, known = problem.settings, np.abs(s.by_fold)
+    told = s.by_fold[known > NOTHING * known.max()]
     spread = told.std(ddof=1) / np.sqrt(len(told)) if len(told) > 2 else np.inf
-    if s.gain < problem.settings.evidence or told.mean() <= problem.settings.consistency * spread:
+    each = len(told) > 1 and told.min() > settings.evidence
+    if s.gain < settings.evidence or not (each or told.mean() > settings.consistency * spread):
         return False
     size = np.sqrt(max(float(s.by_fold.sum()), 0.0) / max(now.energy, 1e-12))
     return size > 0.5 * problem.channel.model_error or s.hypothesis.term is not None or s.hypothesis.local

@@ -106,9 +106,8 @@ def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
             if knob not in model.at:
                 model = replace(model, at={**model.at, knob: knob.definition.scaled(value)})
     for term, deviation in fields.items():
-        before = joint.model.fields.get(term)
         when = next(h.when for h in joint.chosen if h.term == term)
-        model = model.with_field(term, deviation if before is None else before + deviation, when)
+        model = model.with_field(term, joint.model.fields.get(term, 0.0) + deviation, when)
     return model, far
 
 
