@@ -20,7 +20,7 @@ class Settings:
     # Natural logarithm of the odds by which a hypothesis must beat the model without it, and a finding its
     # rivals.  4 is 55 to 1, beside what each hypothesis pays for being one of many.
     evidence: float = 4.0
-    # Standard errors by which the mean gain of folds must exceed zero, where not each is evident by itself.
+    # Standard errors by which the gain must exceed zero over the folds; 3 is one in a hundred for ten folds.
     consistency: float = 2.6
     # Evidence that each fitted number costs; half the logarithm of the number of independent windows.
     parameter: float = 4.0
