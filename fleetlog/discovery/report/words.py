@@ -87,9 +87,9 @@ def statement(term: Term, parameters: list[Parameter], where: Told, scope: Told)
 def advice(f: Finding) -> str:
     """Return what to do: of a time, look for what changed; of a term, what it says; of trucks, compare."""
     term = all_terms().get(f.physics or f.term)
-    parts = ["Find out what changed then"] if f.scope["from"] or f.scope["until"] else []
+    changed = "Find out what changed then" if f.scope["from"] or f.scope["until"] else ""
     others = "Compare with the other trucks: brakes, tyres, drive" if f.scope["vehicles"] else ""
-    parts += [said] if (said := term.advice if term else others) else []
+    parts = [said for said in (changed, term.advice if term else others) if said]
     if not parts and f.needs:
         parts = [f"{f.needs[:1].upper()}{f.needs[1:]}"]
     return ". ".join(parts) or "Compare the trucks, places and hours that it follows"
