@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats
 from fleetlog.core.schema import anything, list_of, load_toml, one_of, real, rows, table, text, whole
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
@@ -54,17 +54,12 @@ def load_tariff(path: str | Path) -> Tariff:
     top = table(load_toml(path), TOP, path, "", ("price",))
     price, co2 = np.full((7, 24), top["price"]), np.full((7, 24), top.get("co2", np.nan))
     for one in rows(top, "period", PERIOD, path, ("from", "to", "price")):
-        hours = _hours(one["from"], one["to"], [DAYS.index(d) for d in one.get("days", DAYS)])
-        price[hours] = one["price"]
+        begin, days = one["from"], np.array([DAYS.index(d) for d in one.get("days", DAYS)])
+        hours = np.add.outer(24 * days, begin + np.arange((one["to"] - begin) % 24 or 24)) % price.size
+        price.flat[hours.ravel()] = one["price"]
         if "co2" in one:
-            co2[hours] = one["co2"]
+            co2.flat[hours.ravel()] = one["co2"]
     return Tariff(price, co2, **{k: top[k] for k in ("currency", "charger_efficiency", "name") if k in top})
-
-
-def _hours(begin: int, end: int, days: list[int]) -> Mask:
-    """(7, 24) the hours of a period that begins on each of ``days``."""
-    hours = np.add.outer(24 * np.array(days), begin + np.arange((end - begin) % 24 or 24)) % (7 * 24)
-    return np.isin(np.arange(7 * 24), hours).reshape(7, 24)
 
 
 def costs(used: pd.Series, charged: pd.Series, local: pd.Series, tariff: Tariff) -> tuple[Floats, Floats]:

@@ -110,7 +110,8 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     findings = []
     for h in told:
         where, parameters = _where(problem, found, h, values, numbers, beside)
-        when, scope = (_when(h), h.scope) if h not in beside else _classes(problem, beside[h])
+        shaped = {f"{k.definition.bounds}_threshold": v for k, v in h.shapes.items() if k.definition.bounds}
+        when, scope = (shaped or None, h.scope) if h not in beside else _classes(problem, beside[h])
         own = judged.get(h, Errors(fit.metric, fit.before, fit.after, fit.p_value))
         findings.append(_finding(problem, found, h, where, when, scope, parameters, own))
     after = final.model
@@ -249,12 +250,6 @@ def _where(
         value, low, high = (v - n.nominal for v in (n.value, n.low, n.high))
         out.append(Parameter(f"added_{n.name}", value, low, high, n.unit))
     return None, out
-
-
-def _when(h: Hypothesis) -> dict[str, Any] | None:
-    """The thresholds that a finding's shape has, by the variable that they are of."""
-    set_at = {knob.definition.bounds: value for knob, value in h.shapes.items()}
-    return {f"{variable}_threshold": value for variable, value in set_at.items() if variable} or None
 
 
 def _classes(problem: Problem, beside: Joint) -> tuple[dict[str, Any] | None, Scope]:

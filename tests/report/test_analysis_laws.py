@@ -233,10 +233,16 @@ def test_a_wrong_tariff_names_the_key(tmp_path, text: str, what: str) -> None:
     assert len(error.value.line().splitlines()) == 1
 
 
-def test_a_week_has_every_hour_once() -> None:
-    from fleetlog.analysis.tariff import _hours
+def test_a_week_has_every_hour_once(tmp_path) -> None:
+    from fleetlog.analysis.tariff import load_tariff
 
-    assert _hours(0, 24, list(range(7))).all() and _hours(0, 0, list(range(7))).all()
-    weekend = _hours(22, 6, [4])  # Friday night
-    assert weekend.sum() == 8 and weekend[4, 22:].all() and weekend[5, :6].all()
+    def dear(period: str):
+        (tmp_path / "tariff.toml").write_text(f"price = 1.0\n[[period]]\n{period}\nprice = 2.0\n")
+        return load_tariff(tmp_path / "tariff.toml").price == 2.0
+
+    assert dear("from = 0\nto = 24").all() and dear("from = 0\nto = 0").all()
+    night = dear('from = 22\nto = 6\ndays = ["fri"]')
+    assert night.sum() == 8 and night[4, 22:].all() and night[5, :6].all()
+    sunday = dear('from = 22\nto = 6\ndays = ["sun"]')
+    assert sunday.sum() == 8 and sunday[6, 22:].all() and sunday[0, :6].all()
     assert not T0 % 1_000_000

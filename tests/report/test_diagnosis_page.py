@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
-from fleetlog.discovery.report.finding import Finding, Parameter
-from fleetlog.discovery.report.output import _finding
+from fleetlog.discovery.report.finding import Finding, Parameter, Verdict
+from fleetlog.discovery.report.output import lines
 from fleetlog.discovery.report.words import onward, statement, unknown
 from fleetlog.physics.power import all_terms
 from fleetlog.report.diagnosis import _ranking, _todo
@@ -19,6 +20,11 @@ WORN = Finding(
     {"edges": [{"edge_id": "-yard", "from": 0.0, "to": 9.0, "value": 3.0, "low": 2.5, "high": 3.5}], "extent": []},
     None, SCOPE, [], {"held_out_gain": 0.2, "alternatives": []}, {},
 )  # fmt: skip
+
+
+def spoken(finding: Finding) -> list[str]:
+    """What the terminal says of a finding."""
+    return lines(SimpleNamespace(verdict=Verdict([], [finding], [])))[1:]
 
 
 def rows(*findings: Finding, zone: str = "UTC") -> list[list[str]]:
@@ -45,25 +51,25 @@ def test_a_statement_is_one_sentence_that_leaves_advice_to_the_term_and_writes_p
 
 
 def test_the_terminal_says_what_to_do() -> None:
-    assert _finding(WORN)[1] == f"    What to do: {all_terms()['surface_resistance'].advice}."
+    assert spoken(WORN)[1] == f"    What to do: {all_terms()['surface_resistance'].advice}."
 
 
 def test_an_odd_truck_is_named_and_is_to_be_compared_with_the_others() -> None:
     scope = {**SCOPE, "vehicles": ["T1"]}
     assert unknown(["vehicle_id"], None, scope).startswith("Truck T1: a mismatch ")
     odd = replace(WORN, term="unknown", scope=scope, where=None, needs="record more")
-    assert "other trucks" in _finding(odd)[1] and _finding(odd)[2] == "    To go on: record more."
+    assert "other trucks" in spoken(odd)[1] and spoken(odd)[2] == "    To go on: record more."
     assert "depends on" in unknown(["vehicle_id"], None, SCOPE)
     # What is fitted as physics that no word of the verdict names is not to be compared, but mended.
-    assert all_terms()["brake_drag"].advice in _finding(replace(odd, physics="brake_drag"))[1]
+    assert all_terms()["brake_drag"].advice in spoken(replace(odd, physics="brake_drag"))[1]
 
 
 def test_what_unseen_trips_speak_against_is_said_to_be_unconfirmed() -> None:
     evidence = {"held_out_gain": -1e-5, "alternatives": []}
-    assert onward(WORN) == "" and len(_finding(WORN)) == 2
-    assert "do not confirm it" in _finding(replace(WORN, evidence=evidence))[2]
+    assert onward(WORN) == "" and len(spoken(WORN)) == 2
+    assert "do not confirm it" in spoken(replace(WORN, evidence=evidence))[2]
     rival = replace(WORN, evidence=evidence, not_excluded=["grade"], needs="drive both ways")
-    assert _finding(rival)[2].endswith(
+    assert spoken(rival)[2].endswith(
         "These data cannot tell it from grade. To tell them apart: drive both ways."
     )
     assert onward(rival, str.upper).startswith("These data cannot tell it from GRADE.")

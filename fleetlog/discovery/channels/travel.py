@@ -1,7 +1,7 @@
 """The speed channel: the time that stretches of a path took, against the quickest drive allowed; and how that
 time changes with each number, field and free curve."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.discovery.channels import paths
-from fleetlog.discovery.channels.base import About, Channel, Columns, Unit
+from fleetlog.discovery.channels.base import About, Channel, Columns, R, Unit
 from fleetlog.discovery.channels.paths import Laid, Lost, Passed, Path
 from fleetlog.discovery.channels.waits import Waits, stands
 from fleetlog.discovery.hypotheses import sources
@@ -244,8 +244,10 @@ class TravelChannel(Channel):
 
     def lost(self, model: Model) -> Lost | None:
         """Return what other vehicles cost beyond a model."""
-        usual = np.sum(list(self.each(partial(_usual, self, model))), axis=0)
-        parts = list(self.each(partial(_lost, self, model, usual)))
+        usual = np.sum(list(self.each(partial(_told, self, model, paths.usual_time))), axis=0)
+        term = next((t.name for t in all_terms().values() if t.acts == "traffic"), "")
+        lost = partial(paths.lost_time, usual=usual, known=self.base.fields.get(term))
+        parts = list(self.each(partial(_told, self, model, lost)))
         return paths.lost(*(np.sum(list(p), axis=0) for p in zip(*parts, strict=True)))
 
     def passed(self, units: Iterable[Unit], model: Model) -> Iterator[Passed]:
@@ -254,8 +256,11 @@ class TravelChannel(Channel):
             about = self.about(u.own, model)
             # Trucks wait here or there on a road: what they stood on it is part of its waits.
             road = np.cumsum(np.diff(u.own.motion.edge, prepend=-1) != 0)
-            wait, stood = (np.bincount(road, v) for v in (about.waits, u.own.standing))
-            left = about.waits * np.maximum(1.0 - stood / np.maximum(wait, 1e-9), 0.0)[road]
+            usual, braking = self.waits.usual(u.own, self.fleet.truck.drive)
+            waits = np.maximum(about.waits, usual)
+            wait, stood = (np.bincount(road, v) for v in (waits, u.own.standing))
+            left = waits * np.maximum(1.0 - stood / np.maximum(wait, 1e-9), 0.0)[road]
+            left += np.where(stood > 0.0, 0.0, 1.0)[road] * braking
             yield u.own, ~u.own.behind, u.windows.trip, left, about.seconds
 
     def features(self, unit: Unit, model: Model) -> Floats:
@@ -271,11 +276,5 @@ class TravelChannel(Channel):
         ])  # fmt: skip
 
 
-def _usual(own: TravelChannel, model: Model, units: Iterable[Unit]) -> Floats:
-    return paths.usual_time(own.passed(units, model), own.lanes)
-
-
-def _lost(own: TravelChannel, model: Model, usual: Floats, units: Iterable[Unit]) -> tuple[Floats, Floats]:
-    term = next((t for t in all_terms().values() if t.acts == "traffic"), None)
-    known = None if term is None else own.base.fields.get(term.name)
-    return paths.lost_time(own.passed(units, model), own.lanes, usual, known)
+def _told(own: TravelChannel, model: Model, what: Callable[..., R], units: Iterable[Unit]) -> R:
+    return what(own.passed(units, model), own.lanes)

@@ -31,6 +31,7 @@ PASSING = 2.0  # Who is at a place for longer stands there [s]
 PURPOSE = 90.0  # A longer standstill has a purpose of its own [s]
 LOAD, LIFT = 25.0, 0.08  # Change of payload [kg] and fork height [m] that show a purpose
 APART = 1000.0  # Between the ways of two errands, so that nothing reaches from one into the other [m]
+CHORD, SPOT = 1.5, 1.0  # Who goes on at such an angle [rad], by so much way on both sides [m], turned there
 BESIDE = 6.0  # So far off its road, in a bay or a turn, a truck is told by the road before or behind [m]
 
 
@@ -69,6 +70,15 @@ class Route:
         return np.concatenate([getattr(leg.path, name) for leg in self.legs])
 
     @cached_property
+    def turned(self) -> Floats:
+        """(L,) angle by which the vehicle turned on the spot after each leg [rad], zero if it did not."""
+        place = [(leg.path.x + 1j * leg.path.y, leg.distance) for leg in self.legs]
+        came = [z[-1] - z[np.searchsorted(s, s[-1] - CHORD)] for z, s in place]
+        left = [z[np.searchsorted(s[:-1], CHORD)] - z[0] for z, s in place]
+        angle = np.abs(np.angle(np.append(left[1:], came[-1]) * np.conj(came)))
+        return np.where(angle > SPOT, angle, 0.0)
+
+    @cached_property
     def arrive(self) -> Floats:
         """(N,) time at which the vehicle came to every node [s since 1970]."""
         return self.nodes("time") + self.start
@@ -103,16 +113,11 @@ def route(block: Block) -> Route | None:
     known = bool(m.payload.any() or m.fork_height.any())
     wait = np.array([leg.wait for leg in found])
     after = [leg.row[0] for leg in found[1:]] + [len(block) - 1]
-    pauses = zip(found, wait, after, strict=True)
-    purpose = [not (w <= PURPOSE) or (known and _worked(block, leg.row[-1], n)) for leg, w, n in pauses]
+    paused = [block.first[leg.row[-1] : n + 2] for leg, n in zip(found, after, strict=True)]
+    moved = [[np.ptp(v[k]) if len(k) else 0.0 for v in (m.payload, m.fork_height)] for k in paused]
+    purpose = ~(wait <= PURPOSE) | (np.array(moved) > [LOAD, LIFT]).any(axis=1)
     errand = np.cumsum([0, *purpose[:-1]])
     return Route(block.vehicle, block.day, float(block.time[0]), tuple(found), wait, known, errand)
-
-
-def _worked(block: Block, first: int, last: int) -> bool:
-    rows = block.first[first : last + 2]
-    m = block.motion
-    return bool(len(rows) and (np.ptp(m.payload[rows]) > LOAD or np.ptp(m.fork_height[rows]) > LIFT))
 
 
 def on_road(leg: Leg) -> tuple[Leg, Mask]:

@@ -16,7 +16,7 @@ from fleetlog.discovery.hypotheses.cells import Squares, Stretches
 from fleetlog.discovery.model import FLEET
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.report import fields
-from fleetlog.discovery.report.finding import ChannelFit, Finding, Verdict
+from fleetlog.discovery.report.finding import ChannelFit, Verdict
 from fleetlog.discovery.report.words import advice, onward
 from fleetlog.physics.field import Field
 from fleetlog.physics.model import save_physics
@@ -90,15 +90,13 @@ def head(v: Verdict) -> str:
 def lines(d: Diagnosis) -> list[str]:
     """Return the answer in a few lines for a terminal."""
     v = d.verdict
-    out = [head(v), *(line for f in v.findings[:4] for line in _finding(f))]
+    out = [head(v)]
+    for f in v.findings[:4]:
+        out += [f"  {f.term} ({f.channel}): {f.statement}.", f"    What to do: {advice(f)}."]
+        out += [f"    {more}"] if (more := onward(f)) else []
     out += [_channel(c, c.name in v.unexplained) for c in v.channels]
     room = max(MOST_LINES - len(out), 0)
     return [*out, *(f"  note: {n}" for n in v.notes[:room])]
-
-
-def _finding(f: Finding) -> list[str]:
-    out = [f"  {f.term} ({f.channel}): {f.statement}.", f"    What to do: {advice(f)}.", f"    {onward(f)}"]
-    return [line for line in out if line.strip()]
 
 
 def _channel(c: ChannelFit, unexplained: bool) -> str:
