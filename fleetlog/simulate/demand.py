@@ -90,14 +90,6 @@ def demand_like(
     return sorted(out, key=lambda t: t.earliest)
 
 
-def recorded_hours(dataset: Dataset) -> Floats:
-    """(24,) how many hours of recording fall on each hour of the day."""
-    at, last = (t * 1e-6 for t in dataset.span or (0, 0))
-    hour = np.arange(at // 3600.0, -(-last // 3600.0) + 1.0)
-    hours = np.diff(np.clip(3600.0 * hour, at, last)) / 3600.0
-    return np.asarray(np.bincount(hour[:-1].astype(int) % 24, hours, 24), dtype=np.float64)
-
-
 def like(
     dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int,
     same: bool = False,
@@ -128,7 +120,11 @@ def like(
         return site, Demand(), notes
     day = float(start % 86_400_000_000) * 1e-6
     share = vehicles / max(len(dataset.vehicles), 1)
-    tasks = demand_like(known, recorded_hours(dataset), day, duration, share, truck, seed)
+    at, last = (t * 1e-6 for t in dataset.span or (0, 0))
+    hour = np.arange(at // 3600.0, -(-last // 3600.0) + 1.0)
+    lasted = np.diff(np.clip(3600.0 * hour, at, last)) / 3600.0
+    hours = np.bincount(hour[:-1].astype(int) % 24, lasted, 24).astype(np.float64)
+    tasks = demand_like(known, hours, day, duration, share, truck, seed)
     notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
     return site, Demand(tasks, endless=False), notes
 

@@ -213,9 +213,12 @@ def _timed(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> t
 
 
 def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
-    if (h := narrowed(problem, now, joint)) is None or h.when == joint.chosen[-1].when:
-        return None
-    timed = refit(problem, now.model, [*joint.chosen[:-1], h], 2)
+    timed = joint
+    # Twice: a field of all the time is too even, and what it says of other places blurs where its time ends.
+    for _ in range(2):
+        if (h := narrowed(problem, now, timed)) is None or h.when == timed.chosen[-1].when:
+            break
+        timed = refit(problem, now.model, [*joint.chosen[:-1], h], 2)
     return timed if joint.score - timed.score > problem.settings.evidence else None
 
 
