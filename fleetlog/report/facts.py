@@ -76,11 +76,9 @@ class Facts:
 def gather(facts: Facts) -> Facts:
     """Run every analysis that the dataset can carry, and sum up the ledger."""
     d, truck = facts.dataset, facts.truck
-    x0, y0, x1, y1 = extent(d)
-    cell = max(1.0, float(np.ceil(max(x1 - x0, y1 - y0) / MOST_CELLS)))  # [m] 1 in a plant
     questions: dict[str, Callable[[], Result]] = {
         "utilisation": lambda: spent.utilisation(d), "trips": lambda: trips(d, min_distance=SHORTEST_TRIP),
-        "stops": lambda: stops(d), "heatmap": lambda: heatmap(d, quantity="passages", cell=cell),
+        "stops": lambda: stops(d), "heatmap": lambda: heatmap(d, quantity="passages", cell=_cell(d)),
         "density": lambda: density(d), "speeding": lambda: speeding(d), "near_misses": lambda: near_misses(d),
     }  # fmt: skip
     if truck is not None:
@@ -93,6 +91,12 @@ def gather(facts: Facts) -> Facts:
             facts.missing[name] = error.advice
     facts.ledger = _ledger(facts)
     return facts
+
+
+def _cell(dataset: Dataset) -> float:
+    """Side of the cells of the heat map [m]: 1 in a plant, more on a site of kilometres."""
+    x0, y0, x1, y1 = extent(dataset)
+    return max(1.0, float(np.ceil(max(x1 - x0, y1 - y0) / MOST_CELLS)))
 
 
 def _ledger(facts: Facts) -> Ledger:

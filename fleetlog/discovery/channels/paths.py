@@ -137,8 +137,8 @@ def laid_out(
     placed = [[on_road(leg) for leg in r.legs] for r in group]
     group = [replace(r, legs=tuple(leg for leg, _ in p)) for r, p in zip(group, placed, strict=True)]
     flags = hindered(group, [free_speed(r.nodes("edge"), fleet) for r in group], fleet.truck)
-    spots = np.concatenate([np.column_stack([r.wait, r.turned])[r.turned > 0.0] for r in group])
-    pace = float(np.nanmedian(spots[:, 0] / spots[:, 1])) if len(spots) >= FEWEST else 0.0
+    paces = np.concatenate([(r.wait / r.turned.clip(1e-9))[r.turned > 0.0] for r in group])
+    pace = float(np.median(paces)) if len(paces) >= FEWEST else 0.0
     for r, f, p in zip(group, flags, placed, strict=True):
         driven = list(_drives(r, *f, np.concatenate([a for _, a in p]), pace))
         yield _lay_out(r, driven, fleet, lanes, length), _undisturbed(r, driven, fleet, split, share)
@@ -156,16 +156,15 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask, pace: float) -> It
     """Legs of a route, those joined between which it only stood since another truck was in the way. Turning
     on the spot takes ``pace`` [s/rad]: who stands for less than twice as long only turns."""
     last, turning = np.cumsum(r.size) - 1, pace * r.turned
-    idle = r.wait > 2.0 * turning
+    idle = (np.diff(r.errand, append=-1) == 0) & r.known & (r.wait > 2.0 * turning)
     # Where nothing tells what a stop was for, none is told to be for another truck.
-    on = held[last] & behind[last] & (np.diff(r.errand, append=-1) == 0) & r.known & idle
+    on = held[last] & behind[last] & idle
     first = 0
     for k in range(len(r.legs)):
         if on[k]:
             continue
         nodes = slice(int(last[first] - r.size[first] + 1), int(last[k]) + 1)
-        purpose = k + 1 < len(r.legs) and r.errand[k + 1] != r.errand[k]
-        wait = float(r.wait[k] - turning[k]) if r.known and idle[k] and not purpose else 0.0
+        wait = float(r.wait[k] - turning[k]) if idle[k] else 0.0
         yield Drive(legs.joined(list(r.legs[first : k + 1])), behind[nodes], astray[nodes], wait)
         first = k + 1
 

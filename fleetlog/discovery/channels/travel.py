@@ -252,15 +252,17 @@ class TravelChannel(Channel):
 
     def passed(self, units: Iterable[Unit], model: Model) -> Iterator[Passed]:
         """Yield what the time lost is told from."""
+        drive = self.fleet.truck.drive
+        pace = 0.5 / drive.max_acceleration + 0.5 / drive.max_deceleration
         for u in units:
             about = self.about(u.own, model)
-            # Trucks wait here or there on a road: what they stood on it is part of its waits.
+            # Trucks wait here or there on a road: what they stood there is of its waits, and ends a leg.
             road = np.cumsum(np.diff(u.own.motion.edge, prepend=-1) != 0)
-            usual, braking = self.waits.usual(u.own, self.fleet.truck.drive)
+            stops, usual = self.waits.usual(u.own)
             waits = np.maximum(about.waits, usual)
             wait, stood = (np.bincount(road, v) for v in (waits, u.own.standing))
             left = waits * np.maximum(1.0 - stood / np.maximum(wait, 1e-9), 0.0)[road]
-            left += np.where(stood > 0.0, 0.0, 1.0)[road] * braking
+            left += (stood == 0.0)[road] * stops * pace * paths.free_speed(u.own.motion.edge, self.fleet)
             yield u.own, ~u.own.behind, u.windows.trip, left, about.seconds
 
     def features(self, unit: Unit, model: Model) -> Floats:

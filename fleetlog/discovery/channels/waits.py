@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.core.truck import Drive
 from fleetlog.discovery.channels.paths import Laid, Path
 from fleetlog.discovery.hypotheses.cells import Stretches
 
@@ -55,14 +54,11 @@ class Waits:
         passages, stood, wait, off = map(self._gathered, self.by_place)
         return (off + (SCATTER * wait / np.maximum(stood, 1.0)) ** 2) / np.maximum(passages, 1.0)
 
-    def usual(self, path: Path, drive: Drive) -> tuple[Floats, Floats]:
-        """Return how long trucks stand at every node on average, (G,), whoever is in the way, and what
-        stopping and setting off cost them [s]."""
-        passages, stood, wait, _ = (self._gathered(v)[self.at(path)] for v in self.by_place)
-        speed = np.minimum(path.motion.speed * drive.speed_factor, drive.max_speed)
-        braking = 0.5 * speed * (1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration)
-        each = path.share / np.maximum(passages, 1.0)
-        return wait * each, stood * braking * each
+    def usual(self, path: Path) -> tuple[Floats, Floats]:
+        """Return stops, and seconds of standing, at every node on average, (G,), whoever is in the way."""
+        place, (passages, stood, wait) = self.at(path), map(self._gathered, self.by_place[:3])
+        each = path.share / np.maximum(passages, 1.0)[place]
+        return stood[place] * each, wait[place] * each
 
     def at(self, path: Path) -> Ints:
         """Return the place of every node, (G,)."""

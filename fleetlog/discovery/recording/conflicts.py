@@ -71,12 +71,12 @@ class Route:
 
     @cached_property
     def turned(self) -> Floats:
-        """(L,) angle by which the vehicle turned on the spot after each leg [rad], zero if it did not."""
+        """(L,) angle of a turn on the spot after a leg [rad]; zero for none, or in a stop for a purpose."""
         place = [(leg.path.x + 1j * leg.path.y, leg.distance) for leg in self.legs]
         came = [z[-1] - z[np.searchsorted(s, s[-1] - CHORD)] for z, s in place]
         left = [z[np.searchsorted(s[:-1], CHORD)] - z[0] for z, s in place]
         angle = np.abs(np.angle(np.append(left[1:], came[-1]) * np.conj(came)))
-        return np.where(angle > SPOT, angle, 0.0)
+        return np.where((angle > SPOT) & (np.diff(self.errand, append=-1) == 0), angle, 0.0)
 
     @cached_property
     def arrive(self) -> Floats:
