@@ -86,13 +86,16 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     kept = [h for h in found.joint.chosen if h.term is not None]
     # What is written holds no free curve; the corrections beside it are fitted without one, too.
     final = _on_all(asked, found.joint, kept)
-    # A number may only be plausible beside a curve: it is not told then.
-    while beyond := [h for h in kept if h.knobs and on_bound(problem, final, h)]:
-        kept = [h for h in kept if h not in beyond]
-        model = found.joint.model.without({k for h in beyond for k in h.knobs}, set())
+    while True:
+        known = covariance(problem, final)
+        numbers = _numbers(final, errors(known))
+        # A number may only be plausible beside a curve, or be none of its time once all trips are fitted.
+        none = [h for h in kept if h.scope.timed and _within_tolerance(base, numbers, h)]
+        if not (gone := [h for h in kept if h.knobs and (h in none or on_bound(problem, final, h))]):
+            break
+        kept = [h for h in kept if h not in gone]
+        model = found.joint.model.without({k for h in gone for k in h.knobs}, set())
         final = _on_all(asked, replace(found.joint, model=model), kept)
-    known = covariance(problem, final)
-    numbers = _numbers(final, errors(known))
     chosen = [h for h in found.joint.chosen if h.term is None or h in kept]
     told = [h for h in chosen if not _within_tolerance(base, numbers, h)]
     named, untold = ([h for h in kept if (h in told) == wanted] for wanted in (True, False))
@@ -105,7 +108,7 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     beside = {h: refit(problem, final.model, [*kept, h], steps=1) for h in told if h.term is None}
     pair = [found.base, refit(sample, found.base.model, best, steps=1, known=sums)] if best else []
     without = {h: final.without(h) for h in named}
-    fit, judged, rest = judge(problem, before.model, final, without, beside, pair, asked.share)
+    fit, judged, rest, lasting = judge(problem, before.model, final, without, beside, pair, asked.share)
     values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
     findings = []
     for h in told:
@@ -119,6 +122,8 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
         findings.append(others.of_lost(lost, channel, _with_traffic(problem, after, fit, lost.p_value)))
         values[findings[-1].term] = others.values(lost)
         after = after.with_field(findings[-1].term, others.values(lost).deviation)
+    if not beside and problem.split.kind != "stretches" and others.lasts(lasting, channel, settings):
+        findings.append(others.of_lasting(lasting, fit))
     order = sorted(findings, key=lambda f: -f.strength)
     unexplained = rest is not None and _above_floor(problem, rest, fit.floor)
     if not findings and not unexplained:
@@ -157,11 +162,11 @@ def _within_tolerance(base: Model, numbers: dict[Knob, Parameter], h: Hypothesis
     if len(h.knobs) != 1 or h.setting:
         return False
     knob = h.knobs[0]
-    if knob.scope.timed:  # A truck file that is a little off is off all the time.
-        return False
     p, found, nominal = knob.definition, numbers[knob], base.value(knob.fleet)
-    allowed = p.allowance(base.truck)
-    above = p.ceiling or found.low <= nominal + allowed
+    # A truck file that is a little off is off all the time.
+    always = not knob.scope.timed
+    allowed = p.allowance(base.truck) if always else 0.0
+    above = (p.ceiling and always) or found.low <= nominal + allowed
     return above if found.value > nominal else found.high >= nominal - allowed
 
 

@@ -11,7 +11,8 @@ from scipy.stats import kstest
 
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, lay_out
 from fleetlog.discovery.model import Knob
-from fleetlog.discovery.search.judge import noise_floor, p_value
+from fleetlog.discovery.report.finding import Lasting
+from fleetlog.discovery.search.judge import common, lasting, noise_floor, p_value
 from fleetlog.discovery.search.ridge import Normal, Prior, Sums, cross_validated, solve
 
 
@@ -122,6 +123,23 @@ def test_the_noise_floor_is_the_noise_whatever_the_effect(noise: float) -> None:
     residual = 4.0 * np.sin(x[:, 0]) + 2.0 * x[:, 1] + noise * rng.normal(size=3000)
     floor = noise_floor(x, residual, np.arange(3000) // 5, rng.random(3000) < 0.3)
     assert floor == pytest.approx(noise, rel=0.15, abs=0.12)
+
+
+def test_what_trips_in_a_row_have_in_common_is_neither_noise_nor_what_all_have() -> None:
+    """Noise of trips leaves p-values that are uniform; a load that comes and goes is told by its share."""
+    rng = np.random.default_rng(5)
+    trip, energy = np.arange(4000) // 10, rng.uniform(50.0, 150.0, 4000)
+
+    def told(share: np.ndarray) -> Lasting:
+        return lasting(common(share * energy, energy, trip))
+
+    chance = [told(0.1 * rng.normal(size=400)[trip] + 0.05).p_value for _ in range(200)]
+    assert kstest(chance, "uniform").pvalue > 0.01
+    comes_and_goes = 0.06 * np.sin(2.0 * np.pi * trip / 40.0)
+    lasts = told(comes_and_goes + 0.1 * rng.normal(size=4000))
+    assert lasts.share == pytest.approx(0.06 / np.sqrt(2.0), rel=0.15) and lasts.p_value < 1e-6
+    none = lasting(common(np.zeros(0), np.zeros(0), np.zeros(0, np.int64)))
+    assert told(np.zeros(4000)) == none == Lasting(0.0, 0.5)
 
 
 def test_a_gross_error_among_alike_windows_does_not_lower_the_noise_floor() -> None:

@@ -180,7 +180,7 @@ def energy_curves(
             out.append(FreeCurve("drive", (name,), (k,)))
         if name in ("speed", "payload", "curvature"):
             out.append(FreeCurve("moving", (name,), (k,)))
-        elif name != "acceleration":
+        if name not in ("speed", "curvature", "acceleration"):
             out.append(FreeCurve("power", (name,), (k,)))
     for mode, a, b in (("moving", "payload", "speed"), ("force", "ambient_temperature", "speed")):
         if a in knots and b in knots:

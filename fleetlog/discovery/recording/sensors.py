@@ -249,11 +249,13 @@ def _speed_scale(fleet: Fleet, split: Split, term: Term) -> Fault | None:
 
 
 class _Way(NamedTuple):
-    """A way by its speed, by its places, and by the speed of every second row [m]."""
+    """A way by its speed, by its places, and by the speed of every second row [m]; and how much faster the
+    truck is at its end [m/s]."""
 
     driven: float
     gone: float
     sparsely: float
+    faster: float
 
 
 def _ways(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Way]]:
@@ -272,19 +274,21 @@ def _ways(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Way]]:
             if fold[a] != HELD_OUT and speed[a : b + 1].min() > STANDING_SPEED:
                 few = np.append(np.arange(a, b, 2), b)
                 sparsely = float(metres_driven(time[few], speed[few])[-1])
-                out.append((day.vehicle, _Way(float(travelled[b] - travelled[a]), gone, sparsely)))
+                driven, faster = float(travelled[b] - travelled[a]), float(speed[b] - speed[a])
+                out.append((day.vehicle, _Way(driven, gone, sparsely, faster)))
     return out
 
 
 def _ratio(ways: Floats) -> tuple[float, float, float]:
     """By how much the speed is off, the error of that, and what rows are too sparse to tell: integrals by
-    trapezoids miss four times as much over steps twice as long."""
-    driven, gone, sparsely = ways.T
+    trapezoids miss four times as much over steps twice as long.  Places that are late are a constant time
+    late: the way is longer by that times the speed that it gains."""
+    driven, gone, sparsely, faster = ways.T
     ratio = driven / gone
     good = np.abs(ratio - np.median(ratio)) < MISMATCHED
     whole = float(gone[good].sum())
-    value = float(driven[good].sum()) / whole
-    error = float(np.sqrt(((driven - value * gone)[good] ** 2).sum())) / whole + 0.001
+    value, late = (float(x) for x in np.linalg.lstsq(np.stack([gone, faster], 1)[good], driven[good])[0])
+    error = float(np.sqrt(((driven - value * gone - late * faster)[good] ** 2).sum())) / whole + 0.001
     return value, error, float((sparsely - driven)[good].sum()) / (3.0 * whole)
 
 

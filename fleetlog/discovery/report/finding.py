@@ -51,6 +51,15 @@ class Errors:
         return {"p_value": self.p_value, "held_out_gain": self.gain, "alternatives": alternatives}
 
 
+@dataclass(frozen=True)
+class Lasting:
+    """What trips in a row have in common beyond a model: a ``share`` (root mean square) of their energy or
+    time, and how likely that is chance. Noise of a trip ends with it; what is missing may last."""
+
+    share: float = 0.0
+    p_value: float = 1.0
+
+
 @dataclass
 class Finding:
     """One thing that was left out."""

@@ -1,16 +1,17 @@
-"""Findings that need no search: faults of the recording, and time lost to other trucks."""
+"""Findings that need no search: faults of the recording, time lost to others, and what outlasts trips."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from fleetlog.core.words import percent
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.paths import Lost
 from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.model import FLEET
 from fleetlog.discovery.recording.sensors import Fault
-from fleetlog.discovery.report import words
+from fleetlog.discovery.report import finding, words
 from fleetlog.discovery.report.fields import Values, extent, row
 from fleetlog.discovery.report.finding import NORMAL, Errors, Finding, Parameter, interval
 from fleetlog.discovery.settings import Settings
@@ -49,6 +50,25 @@ def values(lost: Lost) -> Values:
     """Return the share of the time lost by stretch of lane, for pictures and files."""
     time = np.maximum(lost.time, 1e-9)
     return Values(lost.lost / time, lost.passages, np.diag(lost.spread / time), np.eye(len(time)))
+
+
+def lasts(lasting: finding.Lasting, channel: Channel, settings: Settings) -> bool:
+    """Whether what trips that follow one another have in common is beyond chance, the model's own error, and
+    material."""
+    evident = lasting.p_value < float(np.exp(-settings.evidence))
+    return evident and lasting.share > max(settings.material, channel.model_error)
+
+
+def of_lasting(lasting: finding.Lasting, fit: finding.ChannelFit) -> Finding:
+    """Return the finding of what outlasts trips, and follows nothing that was recorded."""
+    errors = Errors(fit.metric, fit.after, fit.after, lasting.p_value)
+    what = f"{percent(lasting.share)} of their {'time' if fit.name == 'speed' else 'energy'}"
+    text = f"Trips in a row differ from the model alike, by {what}: something lasts that no column shows"
+    needs = "record what is switched on and off (heaters, pumps, brakes) as columns of the log"
+    return Finding(
+        "unknown", fit.name, text, [], needs, ["time"], None, None, words.scope(FLEET, ()), [],
+        errors.evidence([]), errors.fit, lasting.share,
+    )  # fmt: skip
 
 
 def _finding(

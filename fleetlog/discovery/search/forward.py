@@ -26,7 +26,10 @@ def search(problem: Problem, nominal: Model) -> Search:
         if better is None:
             if now.chosen != found.joint.chosen:
                 found.joint = refit(problem, found.joint.model, now.chosen)
-            break
+            if (one := _one_for_several(problem, found)) is None:
+                break
+            found.joint = one
+            continue
         if problem.learn_anew(better.model, better.chosen, float(better.losses.sum())):
             # Rivals that noise seemed to hide are told apart now: what predicts best is kept.
             found.joint = refit(problem, found.joint.model, found.joint.chosen)
@@ -57,6 +60,30 @@ def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint |
         timed = _at_times(problem, now, found)
         better = min((j for j in (better, timed) if j is not None), key=lambda j: j.score, default=None)
     return now, better
+
+
+def _one_for_several(problem: Problem, found: Search) -> Joint | None:
+    """Return the fit with a free curve in the place of several numbers (of all, or of those of a part of the
+    time) that predicts better than they do together: they may outline what none of them is."""
+    now, numbers = found.joint, [h for h in found.joint.chosen if h.knobs]
+    for several in ([h for h in numbers if h.scope.timed], numbers):
+        if len(several) < 2:
+            continue
+        kept = [h for h in now.chosen if h not in several]
+        model = now.model.without({k for h in several for k in (*h.knobs, *h.shapes)}, set())
+        left = refit(problem, model, kept)
+        curves = [h for h in problem.rest if h.curve is not None]
+        sums = problem.sums(left.model, [*kept, *curves])
+        tried = []
+        for s in screen(problem, sums, left, curves)[:SECOND]:
+            joint = refit(problem, left.model, [*kept, s.hypothesis], 1, sums)
+            tried.append(replace(joint, score=max(joint.score, left.score - s.gain)))
+        evidence, likely = problem.settings.evidence, min(j.score for j in tried)
+        near = [j for j in tried if j.score - likely < evidence and now.score - j.score > evidence]
+        if best := min(near, key=lambda j: len(j.chosen[-1].depends_on), default=None):
+            found.rivals[best.chosen[-1].kind] = _rivals(problem, left, best, tried)
+            return best
+    return None
 
 
 def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
@@ -169,14 +196,15 @@ def _counting(
 
 def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Joint) -> bool:
     """Whether a hypothesis mostly repeats what another says at least as well: places a curve over a recorded
-    state, as a few numbers are simpler than one for every road; and a number, be it of a part, one of all
-    that is far likelier."""
+    state, as a few numbers are simpler than one for every road; a number, be it of a part, one of all that is
+    far likelier; and a number a curve that says twice as much, be it slight."""
     h, o = joint.chosen[-1], other.chosen[-1]
     # An even slope of the site is two numbers, where a curve over the heading is eight.
     at_places = h.placed and o.curve is not None and not 0 < len(h.patterns) < o.curve.width
     numbers = h.knobs and o.knobs and o.scope.whole and not {k.fleet for k in h.knobs} & {*o.knobs}
+    curve = h.knobs and o.curve is not None and now.score - joint.score < HALF * (now.score - other.score)
     margin = problem.settings.evidence * (1.0 if at_places else -1.0)
-    return bool(at_places or numbers) and _repeats(problem, sums, now, joint, other, margin)
+    return bool(at_places or numbers or curve) and _repeats(problem, sums, now, joint, other, margin)
 
 
 def _repeats(
@@ -223,10 +251,11 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
 
 
 NOTHING = 0.01  # Share of the largest gain of a fold up to which a fold has nothing to say
+SEVERAL = 7  # Folds that speak for it, each a little, that are as good as a few that are evident
 OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve or junctions
 MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
 HALF = 0.5  # The same of a curve, of the one of two names that says more
-SECOND = 3  # Numbers that are tried beside a name
+SECOND = 3  # Numbers that are tried beside a name, and curves in the place of several
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
 
@@ -274,7 +303,8 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
     settings, known = problem.settings, np.abs(s.by_fold)
     told = s.by_fold[known > NOTHING * known.max()]
     spread = told.std(ddof=1) / np.sqrt(len(told)) if len(told) > 2 else np.inf
-    each = len(told) > 1 and told.min() > settings.evidence
+    # Half of what chance says is against it: that none of seven is happens less than once in a hundred times.
+    each = len(told) > 1 and told.min() > (settings.evidence if len(told) < SEVERAL else 0.0)
     if s.gain < settings.evidence or not (each or told.mean() > settings.consistency * spread):
         return False
     size = np.sqrt(max(float(s.by_fold.sum()), 0.0) / max(now.energy, 1e-12))
@@ -359,9 +389,10 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
     gained, own = float((now.losses - joint.losses).sum()), joint.chosen[-1]
     for other in ranked:
         h = other.chosen[-1]
-        # A free curve that only repeats what the finding says is no rival to it.
-        same = (h.term, h.scope) == (own.term, own.scope)
-        if same or (h.term is None and verified(joint, other) < problem.channel.model_error):
+        # A free curve that only repeats a name is no rival to it; one that repeats another curve is.
+        same = (h.term, h.scope) == (own.term, own.scope) and (h.term or h.depends_on == own.depends_on)
+        repeats = own.term and h.term is None and verified(joint, other) < problem.channel.model_error
+        if same or repeats:
             continue
         share = float((now.losses - other.losses).sum()) / max(gained, 1e-12)
         out.append(Rival(h, other.score - joint.score, share))

@@ -6,14 +6,14 @@ from itertools import chain
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.special import stdtr
+from scipy.special import ndtr, stdtr
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.splits import HELD_OUT
-from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors
+from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Lasting
 from fleetlog.discovery.search.joint import Joint, said
 from fleetlog.discovery.search.problem import Problem
 
@@ -25,7 +25,7 @@ FEWEST = 50  # Windows from which on a noise floor is told
 def judge(
     problem: Problem, before: Model, after: Joint, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
     Joint], strongest: Sequence[Joint] = (), share: float = 1.0,
-) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None]:  # fmt: skip
+) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None, Lasting]:  # fmt: skip
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
     ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
     hides, as far as it is beyond chance. ``strongest`` are two fits that differ by the hypothesis which says
@@ -37,7 +37,7 @@ def judge(
     modelled, concealed, left = *pooled[:2], energy - pooled[-1]
     if not len(energy) or not energy.any():
         reason = "too few trips to hold some out; record more"
-        return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None
+        return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None, Lasting()
     size, new = float(np.sqrt(np.mean(energy**2))), energy - modelled
 
     def error(residual: Floats) -> float:
@@ -49,14 +49,14 @@ def judge(
         chance = p_value(one - concealed, one - two, cluster, miss)
         told[h] = Errors(channel.metric, error(one), error(two), chance)
     # Noise is what it is: what is left beside it of a model that says less only makes the floor too high.
-    floors = [_floor(problem, m, share) for m in (before, after.model)[: 1 + (before is not after.model)]]
-    floor = min((f for f in floors if f is not None), default=None)
+    noise = [_floor(problem, m, share) for m in (before, after.model)[: 1 + (before is not after.model)]]
+    floor, lasts = min((f for f, _ in noise if f is not None), default=None), noise[-1][1]
     fit = ChannelFit(channel.name, channel.metric, error(left), error(new), floor and floor / size)
     if strongest:
         alone, hidden, other, more = pooled[2 + 2 * len(beside) : 2 * len(fits)]
         effect, own = other + more - alone - hidden, channel.model_error * np.abs(alone)
         fit.p_value = p_value(energy - alone - hidden, effect, cluster, own)
-    return fit, told, beyond_chance(new - concealed, cluster) / size
+    return fit, told, beyond_chance(new - concealed, cluster) / size, lasts
 
 
 def beyond_chance(residual: Floats, cluster: Ints) -> float:
@@ -94,27 +94,50 @@ def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], uni
     return np.concatenate([none, *(heard(u) for u in problem.held_out(units))], axis=1)
 
 
-def _floor(problem: Problem, model: Model, share: float) -> float | None:
-    """The noise in the windows held out beyond a model; None where it is not known."""
+def _floor(problem: Problem, model: Model, share: float) -> tuple[float | None, Lasting]:
+    """The noise in the windows held out beyond a model, None where it is not known; and what lasts."""
     parts = problem.channel.each(partial(_left, problem, model, share))
-    features, told = (np.concatenate(p) for p in zip(*chain.from_iterable(parts), strict=True))
+    of_features, of_windows, of_trips = zip(*chain.from_iterable(parts), strict=True)
+    features, told, sums = np.concatenate(of_features), np.concatenate(of_windows), np.sum(of_trips, axis=0)
     residual, trip, held, noise = told.T
     wanted = held > 0.0
     repeated = noise_floor(features, residual, trip, wanted)
     # Alike windows repeat what the uncertainty of their motion does to them; that part is known without them.
-    return None if repeated is None else max(repeated, float(np.sqrt(np.mean(noise[wanted]))))
+    floor = None if repeated is None else max(repeated, float(np.sqrt(np.mean(noise[wanted]))))
+    return floor, lasting(sums)
 
 
-def _left(problem: Problem, model: Model, share: float, units: Iterable[Unit]) -> list[tuple[Floats, Floats]]:
-    """(W, d) features of the windows of units, and (W, 4) what a model leaves of them, their trips, whether
-    they are held out, and the noise that is known."""
+def _left(
+    problem: Problem, model: Model, share: float, units: Iterable[Unit]
+) -> list[tuple[Floats, Floats, Floats]]:
+    """(W, d) features of the windows of units; (W, 4) what a model leaves of them, their trips, whether they
+    are held out, and the noise that is known; and what trips in a row that are not have in common."""
     out = []
     for unit in units:
         left, held = unit.recorded - problem.channel.predict(unit, model), unit.fold == HELD_OUT
         use = unit.whole & problem.split.drawn(unit.windows, share)
         told = np.column_stack([left, problem.split.unit(unit.windows), held, unit.noise])
-        out.append((problem.channel.features(unit, model)[use], told[use]))
+        read = unit.whole & ~held
+        in_a_row = common(left[read], unit.recorded[read], unit.windows.trip[read])
+        out.append((problem.channel.features(unit, model)[use], told[use], in_a_row))
     return out
+
+
+def common(left: Floats, energy: Floats, trip: Ints) -> Floats:
+    """Return (3,) sums over the trips of a day that follow one another: of products of what is left of their
+    energies, of the squares of these, and of products of energies. All arrays (W,), in the order of time.
+    What all trips of the day have in common is taken off."""
+    begin = np.flatnonzero(np.diff(trip, prepend=-1))
+    rest, whole = (np.add.reduceat(v, begin) for v in (left, energy))
+    rest = rest - whole * (rest.sum() / max(float(whole.sum()), 1e-12))
+    both = rest[1:] * rest[:-1]
+    return np.array([both.sum(), (both**2).sum(), np.abs(whole[1:] * whole[:-1]).sum()])
+
+
+def lasting(sums: Floats) -> Lasting:
+    """Return what such sums say, of one day or added over many."""
+    both, scatter, energy = np.maximum(sums, [sums[0], 1e-300, 1e-300])
+    return Lasting(float(np.sqrt(max(both, 0.0) / energy)), float(ndtr(-both / np.sqrt(scatter))))
 
 
 def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) -> float | None:
