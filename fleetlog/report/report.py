@@ -76,15 +76,13 @@ def report(
     scales = scales_of([shape for result in maps for shape in result.shapes])
     facts = [replace(f, scales=scales) for f in facts]
     rows = rows_of(facts)
-    lead = [*changes(rows, names), *_known_energy(facts)] if len(facts) == 2 else answers(facts[0])
-    return Report(_page(facts, rows, lead), _summary(facts, rows, lead), _tables(facts, rows), lead, zone)
-
-
-def _known_energy(facts: list[Facts]) -> list[str]:
-    """A warning where the energy of some trucks is unknown: totals are then not those of the fleets."""
+    lead = changes(rows, names) if len(facts) == 2 else answers(facts[0])
     known = [(len(f.energy_from), len(f.dataset.vehicles), f.name) for f in facts]
-    said = listed([f"{k} of {n} in {name}" for k, n, name in known if any(0 < k < n for k, n, _ in known)])
-    return [f"Energy, cost and CO2 are those of the trucks whose energy is known: {said}."] if said else []
+    # Where the energy of some trucks is unknown, totals are not those of the fleets.
+    if len(facts) == 2 and any(0 < k < n for k, n, _ in known):
+        said = listed([f"{k} of {n} in {name}" for k, n, name in known])
+        lead.append(f"Energy, cost and CO2 are those of the trucks whose energy is known: {said}.")
+    return Report(_page(facts, rows, lead), _summary(facts, rows, lead), _tables(facts, rows), lead, zone)
 
 
 def _page(facts: list[Facts], rows: list[Row], lead: list[str]) -> str:

@@ -97,24 +97,22 @@ def energy_part(f: Facts) -> Part:
             "power channel. Give --truck to add that of the truck's model."
         )
     if "energy" in f.results:
-        part.lines += _model_lines(f, f.results["energy"])
+        s = f.results["energy"].summary
+        causes = sorted(((k, v) for k, v in s["ledger_kwh"].items() if v), key=lambda i: -abs(i[1]))
+        said = ", ".join(f"{cause(k)} {v:.2f} kWh" for k, v in causes[:4])
+        part.lines.append(
+            f"The truck model gives {s['energy_kwh']:.2f} kWh for all trucks, most of it {said}."
+        )
+        measured, model = s["measured_kwh"], s["model_beside_measured_kwh"]
+        if measured > 0.0:
+            more = f"{100.0 * abs(model / measured - 1.0):.1f} % {'more' if model > measured else 'less'}"
+            part.lines.append(f"Where energy was measured, the model gives {more}.")
         pictures: dict[str, Sequence[Bars | EdgeValues]] = {
             "Energy of the model by cause, all trucks": shapes(f, "energy", Bars),
             "Energy per metre of road, by direction": shapes(f, "energy", EdgeValues),
         }
         part.blocks += [picture(f, drawn, what) for what, found in pictures.items() for drawn in found]
     return part
-
-
-def _model_lines(f: Facts, result: Result) -> list[str]:
-    causes = sorted(((k, v) for k, v in result.summary["ledger_kwh"].items() if v), key=lambda i: -abs(i[1]))
-    said = ", ".join(f"{cause(k)} {v:.2f} kWh" for k, v in causes[:4])
-    out = [f"The truck model gives {result.summary['energy_kwh']:.2f} kWh for all trucks, most of it {said}."]
-    measured, model = (result.summary[k] for k in ("measured_kwh", "model_beside_measured_kwh"))
-    if measured > 0.0:
-        more = f"{100.0 * abs(model / measured - 1.0):.1f} % {'more' if model > measured else 'less'}"
-        out.append(f"Where energy was measured, the model gives {more}.")
-    return out
 
 
 def places(f: Facts) -> Part:
@@ -175,7 +173,12 @@ def charge(f: Facts) -> Part:
     if not days:
         return Part(["The log has no state of charge."])
     soc = pd.DataFrame({name: pd.concat(own) for name, own in days.items()})
-    trucks = _charge_table(f, soc)
+    states = f.results["utilisation"].tables["states"]
+    visits = states[states["state"] == "charging"]
+    hours = ((visits["end"] - visits["start"]).dt.total_seconds() / 3600.0).groupby(visits["vehicle_id"])
+    ends = {"first": soc.bfill().iloc[0], "lowest": soc.min(), "last": soc.ffill().iloc[-1]}
+    trucks = pd.DataFrame({**ends, "visits": hours.size(), "hours": hours.sum()}).reindex(f.dataset.vehicles)
+    trucks = trucks.fillna({"visits": 0, "hours": 0.0}).reset_index(names="vehicle_id")
     fleet = {"lowest": soc.min(axis=1), "median": soc.median(axis=1), "highest": soc.max(axis=1)}
     drawn = soc if len(days) <= FEW else pd.DataFrame(fleet)
     curves = {str(name): 100.0 * drawn[name].to_numpy(float) for name in drawn}
@@ -185,16 +188,6 @@ def charge(f: Facts) -> Part:
         [f"Lowest state of charge: {100.0 * trucks['lowest'].min():.0f} %."],
         [picture(f, course, "State of charge"), table(trucks, "charge", "State of charge by truck")],
     )
-
-
-def _charge_table(f: Facts, soc: pd.DataFrame) -> pd.DataFrame:
-    """vehicle_id, first, lowest, last (shares), visits to a charger and hours charged."""
-    states = f.results["utilisation"].tables["states"]
-    visits = states[states["state"] == "charging"]
-    hours = ((visits["end"] - visits["start"]).dt.total_seconds() / 3600.0).groupby(visits["vehicle_id"])
-    ends = {"first": soc.bfill().iloc[0], "lowest": soc.min(), "last": soc.ffill().iloc[-1]}
-    known = pd.DataFrame({**ends, "visits": hours.size(), "hours": hours.sum()}).reindex(f.dataset.vehicles)
-    return known.fillna({"visits": 0, "hours": 0.0}).reset_index(names="vehicle_id")
 
 
 def data_quality(f: Facts) -> Part:

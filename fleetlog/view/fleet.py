@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 
 from fleetlog.core.arrays import Floats, Ints
-from fleetlog.core.site import Frame, Site
+from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import clock, palette
@@ -126,7 +126,12 @@ def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool)
         _log_fork(stream, lane, moving)
         _log_trail(stream, lane, moving, floor, limit)
         if site.frame is not None:
-            _log_map(stream, lane, moving, site.frame)
+            path, x, y = lane.path("geo"), moving.floats("x"), moving.floats("y")
+            seconds = clock.rows_at_rate(moving.time, 1.0)
+            rows = seconds[clock.moved(10.0 * STEP, x[seconds], y[seconds])]
+            where = np.column_stack(site.frame.to_geographic(x[rows], y[rows]))
+            stream.static(path, rr.GeoPoints.from_fields(radii=ui_points(5.0), colors=[lane.colour]))
+            stream.rows(path, moving.time[rows], rr.GeoPoints, positions=where)
     return signals
 
 
@@ -166,20 +171,7 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
     point, names = np.tile([0.0, 0.0, 1.0], (len(cuts), 1)), [lane.vehicle] * len(cuts)
     stream.rows(path, time, rr.Points3D, shown, positions=point, labels=names)
     starts = [s.start for s in clock.pieces(t.time, clock.gap_limit(t.time))]
-    _log_heading(stream, lane, t, starts, hidden)
-    if t.has("soc"):
-        _log_bar(stream, lane, t, starts, hidden)
-
-
-def _in_order(shown: Ints, hidden: Ints) -> tuple[Ints, Ints, Ints]:
-    """Times at which something is shown and is not, their order, and which is which (1, 0)."""
-    time = np.concatenate([shown, hidden])
-    order = np.argsort(time, kind="stable")
-    return time[order], order, (order < len(shown)).astype(np.int64)
-
-
-def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
-    """Turns of the body; it shrinks to nothing at the times at which it is ``hidden``."""
+    # Turns of the body, which shrinks to nothing at the times at which it is hidden.
     heading = t.floats("heading")
     keep = clock.changed(heading, np.radians(2.0))
     keep = clock.together(keep[np.isfinite(heading[keep])], starts)
@@ -189,6 +181,15 @@ def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], h
         lane.path("trucks", "body"), time, rr.Transform3D,
         quaternion=quaternions(turn), scale=np.tile(np.maximum(shown, 1e-6)[:, None], 3),
     )  # fmt: skip
+    if t.has("soc"):
+        _log_bar(stream, lane, t, starts, hidden)
+
+
+def _in_order(shown: Ints, hidden: Ints) -> tuple[Ints, Ints, Ints]:
+    """Times at which something is shown and is not, their order, and which is which (1, 0)."""
+    time = np.concatenate([shown, hidden])
+    order = np.argsort(time, kind="stable")
+    return time[order], order, (order < len(shown)).astype(np.int64)
 
 
 def _log_bar(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
@@ -242,12 +243,3 @@ def _log_trail(stream: Stream, lane: Lane, t: Trajectory, floor: Floats, limit: 
     path, when = lane.path("trail"), t.time[row[begin + length - 1][shown]]
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.8), colors=[lane.colour]))
     stream.rows(path, when, rr.LineStrips3D, strips=strips)
-
-
-def _log_map(stream: Stream, lane: Lane, t: Trajectory, frame: Frame) -> None:
-    slow = clock.rows_at_rate(t.time, 1.0)
-    keep = slow[clock.moved(10.0 * STEP, t.floats("x")[slow], t.floats("y")[slow])]
-    where = np.column_stack(frame.to_geographic(t.floats("x")[keep], t.floats("y")[keep]))
-    path = lane.path("geo")
-    stream.static(path, rr.GeoPoints.from_fields(radii=ui_points(5.0), colors=[lane.colour]))
-    stream.rows(path, t.time[keep], rr.GeoPoints, positions=where)

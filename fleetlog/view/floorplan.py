@@ -172,16 +172,6 @@ def draw_furniture(axes: Axes, site: Site) -> None:
         x, y = np.array([[p.x, p.y] for p in site.places if p.kind == kind]).T
         colour = tuple(0.75 * c / 255 for c in palette.PLACES[kind])
         axes.scatter(x, y, s=16, marker="s", color=colour, zorder=2.8, label=kind, ec="white", lw=0.5)
-    _scale_bar(axes)
-    _north_arrow(axes, 0.0 if site.frame is None else site.frame.rotation)
-    if site.places:
-        axes.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2, handletextpad=0.1,
-            columnspacing=1.0,
-        )  # fmt: skip
-
-
-def _scale_bar(axes: Axes) -> None:
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     raw = (x1 - x0) / 5.0
     power = 10.0 ** np.floor(np.log10(raw))
@@ -189,15 +179,18 @@ def _scale_bar(axes: Axes) -> None:
     right, base = x1 - 0.02 * (x1 - x0), y0 + 0.03 * (y1 - y0)
     axes.plot([right - length, right], [base, base], color=INK, lw=2.4, solid_capstyle="butt", zorder=6)
     _say(axes, f"{length:g} m", (right - length / 2, base), (0, 3), fontsize=8)
-
-
-def _north_arrow(axes: Axes, rotation: float) -> None:
-    """North is (sin, cos) of the rotation, by which the x axis is turned counter-clockwise from east."""
+    # North is (sin, cos) of the rotation, by which the x axis is turned counter-clockwise from east.
+    rotation = 0.0 if site.frame is None else site.frame.rotation
     north, at = np.array([np.sin(rotation), np.cos(rotation)]), (0.98, 0.90)
     arrow = {"arrowstyle": "-|>", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
     _say(axes, "", at, -26.0 * north, xycoords="axes fraction", arrowprops=arrow)
     bold: dict[str, Any] = {"va": "center", "fontsize": 8.5, "weight": "bold"}
     _say(axes, "N", at, 8.0 * north, xycoords="axes fraction", **bold)
+    if site.places:
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2, handletextpad=0.1,
+            columnspacing=1.0,
+        )  # fmt: skip
 
 
 def _say(axes: Axes, text: str, at: tuple[float, float], aside: Any, **look: Any) -> None:

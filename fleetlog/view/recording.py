@@ -153,7 +153,16 @@ def summary_markdown(dataset: Dataset, figures: bool) -> str:
 
 def log_together(stream: Stream, fleet: Fleet) -> set[str]:
     """The whole fleet, day by day through a scratch file, so that memory does not grow; its signals."""
-    _log_static(stream, fleet)
+    centre, half, colour = np.array(LOAD_CENTRE), np.array(LOAD_HALF), fleet.colour or PALE
+    load = box((centre - half).tolist(), (centre + half).tolist(), (196, 150, 96))
+    for names, archetype in {
+        ("trucks", "bodies"): mesh3d([*truck_body(colour), *truck_fork()]),
+        ("trucks", "loads"): mesh3d([load]),
+        ("trucks", "charge"): rr.Points3D.from_fields(radii=ui_points(3.5)),
+        ("trail", "fleet"): rr.Points3D.from_fields(radii=ui_points(1.1), colors=[colour]),
+        ("geo", "fleet"): rr.GeoPoints.from_fields(radii=ui_points(3.0), colors=[(86, 180, 233)]),
+    }.items():
+        stream.static(entity(fleet.name, *names), archetype)
     signals: set[str] = set()
     dataset, vehicles = fleet.dataset, fleet.dataset.vehicles
     rows, step = max(BLOCK // len(vehicles), 1), max(round(1e6 / min(fleet.rate_hz, STEP_RATE)), 1)
@@ -187,19 +196,6 @@ def at_steps(t: Trajectory, ticks: Ints, site: Site) -> Singles:
     for k, name in enumerate(FIELDS):
         out[k, known] = (of.heights(t, site) if name == "z" else t.floats(name))[rows[known]]
     return out
-
-
-def _log_static(stream: Stream, fleet: Fleet) -> None:
-    centre, half, colour = np.array(LOAD_CENTRE), np.array(LOAD_HALF), fleet.colour or PALE
-    load = box((centre - half).tolist(), (centre + half).tolist(), (196, 150, 96))
-    for names, archetype in {
-        ("trucks", "bodies"): mesh3d([*truck_body(colour), *truck_fork()]),
-        ("trucks", "loads"): mesh3d([load]),
-        ("trucks", "charge"): rr.Points3D.from_fields(radii=ui_points(3.5)),
-        ("trail", "fleet"): rr.Points3D.from_fields(radii=ui_points(1.1), colors=[colour]),
-        ("geo", "fleet"): rr.GeoPoints.from_fields(radii=ui_points(3.0), colors=[(86, 180, 233)]),
-    }.items():
-        stream.static(entity(fleet.name, *names), archetype)
 
 
 def _log_block(stream: Stream, fleet: Fleet, time: Ints, v: dict[str, Singles]) -> set[str]:

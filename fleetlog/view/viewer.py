@@ -219,10 +219,8 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
                 while not opened:
                     if process.poll() is not None:
                         late = f" in {WAIT:.0f} s" if silent.is_set() else ""
-                        raise ViewerError(
-                            f"the viewer did not open {rrd}{late}",
-                            do="see that Vulkan works here (vulkaninfo)",
-                        )
+                        do = "see that Vulkan works here (vulkaninfo)"
+                        raise ViewerError(f"the viewer did not open {rrd}{late}", do=do)
                     time.sleep(0.1)
                     with suppress(ConnectionError, TimeoutError):
                         client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
