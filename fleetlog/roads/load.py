@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -135,13 +134,28 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     given = schema.table(data["network"], NETWORK, path, "network", ("file",), SiteError)
     lanes, classes = (frozenset(given[k]) if k in given else None for k in ("lane_types", "road_classes"))
     options = MapOptions(given.get("traffic"), lanes, classes, site.map_frames)
-    return _with_map(site, _map_file(given["file"], path), options)
+    # A map is named by an absolute name, or one that stays in the site's folder.
+    name, file, place = given["file"], path.parent / given["file"], "network.file"
+    if not Path(name).is_absolute() and not file.resolve().is_relative_to(path.parent.resolve()):
+        what, do = f"{name!r} leads out of the site's folder", "put the map there or write its absolute path"
+        raise SiteError(what, where=path, place=place, do=do)
+    if not file.is_file():
+        raise SiteError(f"no such file {name!r}", where=path, place=place, do="correct the name")
+    return _with_map(site, file, options)
 
 
 def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[LoadReport]]:
     road_map, frame, notes = place_map(read_map(file, options), site.frame)
     with at(where=file):
-        network = _network(road_map)
+        edges, vertices = road_map.edges, sum(len(e.points) for e in road_map.edges)
+        if len(edges) > MOST_EDGES or vertices > MOST_VERTICES:
+            what = f"holds {len(edges):,} edges of {vertices:,} vertices"
+            raise SiteError(what, do="cut the map to the site")
+        network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
+        longest = int(np.argmax(network.length))
+        if not network.length[longest] <= LONGEST:
+            what = f"edge {network.edge_ids[longest]!r} is {network.length[longest] / 1000.0:,.0f} km long"
+            raise SiteError(what, do="cut the map to the site or correct its coordinates")
     known = {p.id for p in site.places}
     places = site.places + tuple(p for p in road_map.places if p.id not in known)
     traffic = options.traffic or road_map.traffic or "right"
@@ -151,30 +165,6 @@ def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[L
     far = ((p.id, gap) for p, gap in zip(places, gaps, strict=True) if gap > OFF_ROADS)
     strays = [f"place {name!r} is {gap:.0f} m from the nearest road" for name, gap in far]
     return site, [replace(road_map.report, notes=(*road_map.report.notes, *notes, *strays))]
-
-
-def _network(road_map: RoadMap) -> Network:
-    """The network of a placed map; :class:`SiteError` where edges are more, or longer, than any site's."""
-    edges, vertices = road_map.edges, sum(len(e.points) for e in road_map.edges)
-    if len(edges) > MOST_EDGES or vertices > MOST_VERTICES:
-        raise SiteError(f"holds {len(edges):,} edges of {vertices:,} vertices", do="cut the map to the site")
-    network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
-    longest = int(np.argmax(network.length))
-    if not network.length[longest] <= LONGEST:
-        what = f"edge {network.edge_ids[longest]!r} is {network.length[longest] / 1000.0:,.0f} km long"
-        raise SiteError(what, do="cut the map to the site or correct its coordinates")
-    return network
-
-
-def _map_file(name: str, path: Path) -> Path:
-    """The map that a site file names, by an absolute name or one that stays in the site's folder."""
-    file = path.parent / name
-    if not Path(name).is_absolute() and not file.resolve().is_relative_to(path.parent.resolve()):
-        what, do = f"{name!r} leads out of the site's folder", "put the map there or write its absolute path"
-        raise SiteError(what, where=path, place="network.file", do=do)
-    if not file.is_file():
-        raise SiteError(f"no such file {name!r}", where=path, place="network.file", do="correct the name")
-    return file
 
 
 def _rows(data: dict[str, Any], name: str, where: Path) -> list[dict[str, Any]]:
@@ -214,7 +204,11 @@ def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[RoadMap, Frame | 
     earth, stops = road_map.geographic_of, np.array([[p.x, p.y] for p in road_map.places]).reshape(-1, 2)
     points = np.concatenate([*(e.points[:, :2] for e in road_map.edges), stops])
     if road_map.geographic:
-        frame = frame or _centre_frame(points[:, 1], points[:, 0])
+        (west, south), (east, north) = points.min(axis=0), points.max(axis=0)
+        if frame is None and (north - south > 5.0 or east - west > 10.0):
+            do = "cut the map to the site or correct its coordinates"
+            raise SiteError("the roads span more than a region", do=do)
+        frame = frame or Frame(round(float(south + north) / 2.0, 9), round(float(west + east) / 2.0, 9))
         return _moved(road_map, *frame.to_local(points[:, 1], points[:, 0])), frame, []
     if earth is None:
         note = ["the map's coordinates are taken as the local metres of the site's frame"] if frame else []
@@ -223,31 +217,19 @@ def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[RoadMap, Frame | 
     if not (np.isfinite(latitude).all() and np.isfinite(longitude).all()):
         do = "correct the geoReference or the header's offset"
         raise SiteError("its projection does not reach its coordinates", do=do)
-    frame = frame or _own_frame(earth, points)
+    if frame is None:
+        # The map's axes, about its (0, 0) where that is near the roads, else about their centre.
+        low, high = points.min(axis=0), points.max(axis=0)
+        near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())
+        east, north = np.zeros(2) if near else (low + high) / 2.0
+        frame = frame_at(earth, float(east), float(north), max(1.0, float((high - low).max()) / 2.0))
+        frame = frame if abs(frame.rotation) > 1e-9 else replace(frame, rotation=0.0)
     x, y = frame.to_local(latitude, longitude)
     moved = float(np.hypot(x - points[:, 0], y - points[:, 1]).max())
     if moved <= SAME:
         return road_map, frame, []
     how = "coordinates are brought from the map's projection into the site frame"
     return _moved(road_map, x, y), frame, [f"{how}; the largest change is {moved:.2f} m"]
-
-
-def _own_frame(earth: Callable[[Floats, Floats], tuple[Floats, Floats]], points: Floats) -> Frame:
-    """A frame with the map's axes, about its (0, 0) where that is near the roads, else about their centre."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())
-    origin = np.zeros(2) if near else (low + high) / 2.0
-    frame = frame_at(earth, float(origin[0]), float(origin[1]), max(1.0, float((high - low).max()) / 2.0))
-    return frame if abs(frame.rotation) > 1e-9 else replace(frame, rotation=0.0)
-
-
-def _centre_frame(latitude: Floats, longitude: Floats) -> Frame:
-    """A frame about the middle of the extent, rotation 0; :class:`SiteError` beyond the size of a region."""
-    if np.ptp(latitude) > 5.0 or np.ptp(longitude) > 10.0:
-        do = "cut the map to the site or correct its coordinates"
-        raise SiteError("the roads span more than a region", do=do)
-    middle = [float((v.min() + v.max()) / 2.0) for v in (latitude, longitude)]
-    return Frame(round(middle[0], 9), round(middle[1], 9))
 
 
 def _moved(road_map: RoadMap, x: Floats, y: Floats) -> RoadMap:

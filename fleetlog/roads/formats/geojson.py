@@ -69,7 +69,13 @@ def _add_roads(raw: list[Any], tally: Tally) -> set[str]:
     unnamed = 0
     for n, item in enumerate(raw):
         with at(f"feature {n}"):
-            properties, parts = _pieces(item)
+            if not isinstance(item, dict) or not isinstance(item.get("geometry") or {}, dict):
+                raise SiteError("is not a feature")
+            geometry, properties = item.get("geometry") or {}, item.get("properties") or {}
+            if not isinstance(properties, dict):
+                raise SiteError("its properties are not an object")
+            lines = geometry.get("coordinates") or []
+            parts = list({"LineString": [lines], "MultiLineString": lines}.get(str(geometry.get("type")), []))
             if not parts:
                 tally.dropped["not a line"] += 1
                 continue
@@ -82,24 +88,16 @@ def _add_roads(raw: list[Any], tally: Tally) -> set[str]:
                 start, end = ("" if node is None else str(node) for node in ends)
                 limit, width = (_positive(properties.get(k), k) for k in ("speed_limit", "width"))
                 tally.keep(Edge(road, start, end, _points(part), road, limit, width))
-                oneway |= {road} if _truth(properties.get("oneway")) else set()
+                said = properties.get("oneway")
+                key = said.lower() if isinstance(said, str) else said
+                if isinstance(key, list | dict) or key not in TRUTH:
+                    raise SiteError(f"oneway is {said!r}", do="write true or false")
+                oneway |= {road} if TRUTH[key] else set()
     tally.note(unnamed, "roads have no id and are numbered by their place in the file")
     for key, count in sorted(unread.items()):
         if close := difflib.get_close_matches(key.lower(), KNOWN, n=1, cutoff=0.75):
             tally.notes.append(f"property {key!r} of {count} roads is not read; did you mean {close[0]!r}?")
     return oneway
-
-
-def _pieces(item: Any) -> tuple[dict[str, Any], list[Any]]:
-    """Properties of a feature, and the coordinates of its lines."""
-    if not isinstance(item, dict) or not isinstance(item.get("geometry") or {}, dict):
-        raise SiteError("is not a feature")
-    geometry, properties = item.get("geometry") or {}, item.get("properties") or {}
-    if not isinstance(properties, dict):
-        raise SiteError("its properties are not an object")
-    coordinates = geometry.get("coordinates") or []
-    parts = {"LineString": [coordinates], "MultiLineString": coordinates}.get(str(geometry.get("type")), [])
-    return properties, list(parts)
 
 
 def _points(raw: Any) -> Floats:
@@ -121,13 +119,6 @@ def _positive(value: Any, key: str) -> float:
     if isinstance(value, bool) or (result := number(value, key)) <= 0.0:
         raise SiteError(f"{value!r} is not above zero", place=key, do="leave it out where unknown")
     return result
-
-
-def _truth(value: Any) -> bool:
-    key = value.lower() if isinstance(value, str) else value
-    if isinstance(key, list | dict) or key not in TRUTH:
-        raise SiteError(f"oneway is {value!r}", do="write true or false")
-    return TRUTH[key]
 
 
 def _join_lines(lines: list[Edge], split: bool, tally: Tally) -> Iterator[Edge]:

@@ -48,7 +48,16 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
                 limit = number(a["speed_kph"]) * KMH
             tally.keep(Edge(name, u, v, line, name, limit, osm_width(a.get("width", ""))))
         against |= {name} if a.get("reversed") == "True" else set()
-    tally.edges = _paired(tally.edges, against)
+    # Twins along one line become the two directions of one road, named after that not against OSM's.
+    edges, waiting = tally.edges.copy(), defaultdict[tuple[str, str, bytes], list[int]](list)
+    for k, edge in enumerate(edges):
+        if not (twins := waiting[edge.end, edge.start, edge.points[::-1].tobytes()]):
+            waiting[edge.start, edge.end, edge.points.tobytes()].append(k)
+            continue
+        twin = twins.pop(0)
+        first, second = (k, twin) if edges[twin].id in against else (twin, k)
+        way = edges[first].id
+        tally.edges[second] = replace(edges[second], id=reverse_id(way), road=way)
     crs = _attributes(graph, names).get("crs", "epsg:4326")
     try:
         degrees = CRS.from_user_input(crs).is_geographic
@@ -77,19 +86,6 @@ def _line(text: str, start: Floats, end: Floats) -> Floats:
     flat = np.array(rows, dtype=np.float64)
     passed = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(flat, axis=0), axis=1))])
     return np.column_stack([flat, start[2] + passed / max(float(passed[-1]), 1e-12) * (end[2] - start[2])])
-
-
-def _paired(edges: list[Edge], against: set[str]) -> list[Edge]:
-    """Twins along one line become the two directions of one road, named after that not ``against`` OSM's."""
-    out, waiting = list(edges), defaultdict[tuple[str, str, bytes], list[int]](list)
-    for k, edge in enumerate(edges):
-        if not (twins := waiting[edge.end, edge.start, edge.points[::-1].tobytes()]):
-            waiting[edge.start, edge.end, edge.points.tobytes()].append(k)
-            continue
-        twin = twins.pop(0)
-        first, second = (k, twin) if edges[twin].id in against else (twin, k)
-        out[second] = replace(edges[second], id=reverse_id(edges[first].id), road=edges[first].id)
-    return out
 
 
 READER = Reader("GraphML", (".graphml",), "<graphml", _read)

@@ -66,7 +66,12 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
         kind = next((kind for action, kind in KINDS if action in actions), None)
         tally.stop(str(station.get("stationId")), kind, spots[served[0]] if served else np.zeros(2))
     nothing, do = f"no road in it: {tally.read} edges", "export the layout with its edges"
-    forbidden = _about_turns(tally.edges)
+    # Turning round on the spot is left out wherever another edge leads on.
+    leaving = defaultdict[str, list[Edge]](list)
+    for edge in tally.edges:
+        leaving[edge.start].append(edge)
+    leads_on = (e for e in tally.edges if any(f.end != e.start for f in leaving[e.end]))
+    forbidden = frozenset((e.id, f.id) for e in leads_on for f in leaving[e.end] if f.end == e.start)
     return tally.road_map("LIF, directed", nothing, do, forbidden=forbidden, has_elevation=False)
 
 
@@ -133,15 +138,6 @@ def _nurbs(raw: Any) -> Floats:
         return np.column_stack([p[:, :2] / p[:, 2:], np.zeros(len(u))])
 
     return at(sample(at, np.unique(knots[degree : len(knots) - degree]), CHORD))[:, :2]
-
-
-def _about_turns(edges: list[Edge]) -> frozenset[tuple[str, str]]:
-    """Turning round on the spot is left out wherever another edge leads on."""
-    leaving: dict[str, list[Edge]] = defaultdict(list)
-    for edge in edges:
-        leaving[edge.start].append(edge)
-    leads_on = (e for e in edges if any(f.end != e.start for f in leaving[e.end]))
-    return frozenset((e.id, f.id) for e in leads_on for f in leaving[e.end] if f.end == e.start)
 
 
 READER = Reader("LIF", (".json", ".lif"), r'\A\{.*"(lifVersion|layouts|origins)"', _read)

@@ -100,7 +100,14 @@ def _overlaid(levels: dict[str, Level], top: dict[str, Any]) -> dict[str, tuple[
             rows = _rows(level, "fiducials", 3)
             marks[name] = dict(zip((str(row[2]) for row in rows), _plane(rows, True), strict=True))
     with at(f"level {base}"):
-        out = {base: (complex(_scale(levels[base])), 0j)}
+        rows, spots = _rows(levels[base], "measurements", 3), _plane(_rows(levels[base], "vertices", 2), True)
+        pixels = [abs(complex(np.diff(spots[[_index(v, len(spots)) for v in row[:2]]])[0])) for row in rows]
+        long = [number(_options(row).get("distance")) for row in rows]
+        scale = np.mean([m / p for m, p in zip(long, pixels, strict=True) if p > 0.0] or [0.0])  # m a pixel
+        if not scale > 0.0:
+            do = "measure a line in the traffic editor"
+            raise SiteError("has no measurement, so its scale is unknown", do=do)
+        out = {base: (complex(scale), 0j)}
     for name in (name for name, level in levels.items() if level.get("lanes") and name != base):
         both = sorted(marks[name].keys() & marks[base].keys())
         mine, there = (np.array([marks[level][mark] for mark in both]) for level in (name, base))
@@ -131,18 +138,6 @@ def _options(row: list[Any]) -> dict[str, Any]:
     """The values of a row's last entry; the traffic editor writes each with the number of its type."""
     last = row[-1] if isinstance(row[-1], dict) else {}
     return {str(k): v[1] if isinstance(v, list) and len(v) == 2 else v for k, v in last.items()}
-
-
-def _scale(level: Level) -> float:
-    """Metres a pixel: the mean over the measured lines."""
-    rows, spots = _rows(level, "measurements", 3), _plane(_rows(level, "vertices", 2), True)
-    pixels = [abs(complex(np.diff(spots[[_index(v, len(spots)) for v in row[:2]]])[0])) for row in rows]
-    metres = [number(_options(row).get("distance")) for row in rows]
-    scale = np.mean([m / p for m, p in zip(metres, pixels, strict=True) if p > 0.0] or [0.0])
-    if not scale > 0.0:
-        do = "measure a line in the traffic editor"
-        raise SiteError("has no measurement, so its scale is unknown", do=do)
-    return float(scale)
 
 
 def _index(value: Any, count: int) -> int:

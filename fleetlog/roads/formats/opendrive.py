@@ -40,7 +40,15 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     header = root.find("header")
     parts = [] if header is None else [header.get(k, "0") for k in ("revMajor", "revMinor")]
     version = ".".join(f"{number(part, 'header'):.0f}" for part in parts) or "without header"
-    roads = _roads(root, tally)
+    roads, elements = dict[str, Road](), root.findall("road")
+    for element in elements:
+        with at(f"road {element.get('id')}"):
+            road = parse_road(element)
+        if road and roads.setdefault(road.id, road) is not road:
+            raise SiteError(f"two roads have the id {road.id!r}", place=f"line {element.sourceline}")
+    tally.note(len(elements) - len(roads), "roads have no geometry or no lanes and are left out")
+    if root.find(".//include") is not None:
+        tally.notes.append("included files are not read")
     _add_lanes(roads, options, tally)
     allowed = connect(roads, root.findall("junction"), tally)
     rules = [road.rule for road in roads.values() if road.rule]
@@ -53,20 +61,6 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
         geographic_of=_earth(root, tally.notes),
         has_elevation=any(len(road.elevation.starts) for road in roads.values()),
     )  # fmt: skip
-
-
-def _roads(root: Element, tally: Tally) -> dict[str, Road]:
-    roads: dict[str, Road] = {}
-    elements = root.findall("road")
-    for element in elements:
-        with at(f"road {element.get('id')}"):
-            road = parse_road(element)
-        if road and roads.setdefault(road.id, road) is not road:
-            raise SiteError(f"two roads have the id {road.id!r}", place=f"line {element.sourceline}")
-    tally.note(len(elements) - len(roads), "roads have no geometry or no lanes and are left out")
-    if root.find(".//include") is not None:
-        tally.notes.append("included files are not read")
-    return roads
 
 
 def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> None:
@@ -115,7 +109,12 @@ def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Itera
     section = road.sections[k]
     points, name = _centre_line(road, section, lane), f"{road.id}:{k}:{lane.id}"
     # The limit on the greatest part of the section, the lane's or else the road's.
-    limit = _lasting(lane.speeds or road.speeds, section)
+    limit, longest = math.nan, 0.0
+    records = [*sorted(lane.speeds or road.speeds), (math.inf, math.nan)]
+    for (s, speed), (until, _) in pairwise(records):
+        part = min(until, section.end) - max(s, section.start)
+        if part > longest + 1e-9:
+            limit, longest = speed, part
     low, high = (str(LaneEnd(road.id, k, lane.id, end)) for end in ENDS)
     for edge_id, forward in zip((name, reverse_id(name)), _directions(lane, left), strict=False):
         start, end, line = (low, high, points) if forward else (high, low, points[::-1].copy())
@@ -175,16 +174,6 @@ def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats,
         else:
             outer = offset + inward.borders.at(s)
     return inner, outer
-
-
-def _lasting(records: tuple[tuple[float, float], ...], section: Section) -> float:
-    """Of (s, limit) the limit on the greatest part of a section [m/s]; NaN unknown."""
-    best, longest = math.nan, 0.0
-    for (s, limit), (until, _) in pairwise([*sorted(records), (math.inf, math.nan)]):
-        part = min(until, section.end) - max(s, section.start)
-        if part > longest + 1e-9:
-            best, longest = limit, part
-    return best
 
 
 def _earth(root: Element, notes: list[str]) -> Inverse | None:

@@ -32,7 +32,16 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     spots = Nodes((name, _spot(p)) for name, p in points.items())
     for element in model.iterfind("path"):
         with at(f"path {element.get('name')}"):
-            _add_path(element, spots, tally)
+            name, start, end = (str(element.get(k)) for k in ("name", "sourcePoint", "destinationPoint"))
+            there, back = (number(element.get(k, "0")) * MILLI for k in ("maxVelocity", "maxReverseVelocity"))
+            edge = Edge(name, start, end, np.array([spots[start], spots[end]]), name, there or math.nan)
+            directions = [edge] if there > 0.0 or back <= 0.0 else []
+            if back > 0.0:
+                directions.append(replace(reversed_edge(edge), speed_limit=back))
+            if element.get("locked") == "true":
+                tally.dropped["locked"] += 1
+            else:
+                tally.keep(*directions, shortest=MILLI)
     allowed = {str(t.get("name")): _kind([t]) for t in model.iterfind("locationType")}
     for location in model.iterfind("location"):
         links = [link for link in location.iterfind("link") if str(link.get("point")) in spots]
@@ -49,19 +58,6 @@ def _spot(element: Element) -> Floats:
     """Position [m]; its attributes changed their names with version 0.0.5."""
     x, y = (element.get(f"position{axis.upper()}", element.get(f"{axis}Position")) for axis in "xy")
     return spot(x, y, f"{element.tag} {element.get('name')}") * MILLI
-
-
-def _add_path(element: Element, spots: Nodes, tally: Tally) -> None:
-    name, start, end = (str(element.get(key)) for key in ("name", "sourcePoint", "destinationPoint"))
-    there, back = (number(element.get(k, "0")) * MILLI for k in ("maxVelocity", "maxReverseVelocity"))
-    edge = Edge(name, start, end, np.array([spots[start], spots[end]]), name, there or math.nan)
-    directions = [edge] if there > 0.0 or back <= 0.0 else []
-    if back > 0.0:
-        directions.append(replace(reversed_edge(edge), speed_limit=back))
-    if element.get("locked") == "true":
-        tally.dropped["locked"] += 1
-    else:
-        tally.keep(*directions, shortest=MILLI)
 
 
 def _kind(elements: list[Element]) -> PlaceKind | None:

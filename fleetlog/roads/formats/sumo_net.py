@@ -26,7 +26,17 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
             tally.dropped["without a lane for vehicles"] += 1
             continue
         with at(f"edge {element.get('id')}"):
-            tally.keep(_edge(element, lanes))
+            name, start, end = (str(element.get(key)) for key in ("id", "from", "to"))
+            shape = element.get("shape") if len(lanes) > 1 else None
+            text = shape or lanes[len(lanes) // 2].get("shape") or ""
+            rows = [[number(v) for v in spot.split(",")] for spot in text.split()]
+            if any(len(row) not in (2, 3) for row in rows):
+                raise SiteError("its shape is no list of x,y or x,y,z", do="build it again")
+            points = np.array([[*row, 0.0][:3] for row in rows], dtype=np.float64).reshape(-1, 3)
+            limit = max(number(lane.get("speed", "0")) for lane in lanes)
+            width = sum(number(lane.get("width", "3.2")) for lane in lanes)
+            road, limit = name.removeprefix("-"), limit if limit > 0.0 else math.nan
+            tally.keep(Edge(name, start, end, points, road, limit, width))
     known = {e.id for e in tally.edges}
     named = ((str(c.get("from")), str(c.get("to"))) for c in net.iterfind("connection"))
     return tally.road_map(
@@ -43,19 +53,6 @@ def _driven(lane: Element) -> bool:
     allow, disallow = str(lane.get("allow", "")).split(), str(lane.get("disallow", "")).split()
     motor = {"all", "passenger", "truck", "delivery", "private", "custom1", "custom2"}
     return bool(motor & set(allow)) if allow else not {"all", "passenger"} & set(disallow)
-
-
-def _edge(element: Element, lanes: list[Element]) -> Edge:
-    name, start, end = (str(element.get(key)) for key in ("id", "from", "to"))
-    shape = element.get("shape") if len(lanes) > 1 else None
-    text = shape or lanes[len(lanes) // 2].get("shape") or ""
-    rows = [[number(v) for v in spot.split(",")] for spot in text.split()]
-    if any(len(row) not in (2, 3) for row in rows):
-        raise SiteError("its shape is no list of x,y or x,y,z", do="build it again")
-    points = np.array([[*row, 0.0][:3] for row in rows], dtype=np.float64).reshape(-1, 3)
-    limit = max(number(lane.get("speed", "0")) for lane in lanes)
-    width = sum(number(lane.get("width", "3.2")) for lane in lanes)
-    return Edge(name, start, end, points, name.removeprefix("-"), limit if limit > 0.0 else math.nan, width)
 
 
 def _earth(location: Element | None, notes: list[str]) -> Inverse | None:
