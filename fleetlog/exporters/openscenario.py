@@ -36,8 +36,16 @@ def write(selection: Selection, path: Path) -> None:
         time, positions = 1e-6 * (rows[:, 0] - begin), [xosc.WorldPosition(*p) for p in rows[:, 1:].tolist()]
         entities.add_scenario_object(vehicle, truck)
         init.add_init_action(vehicle, xosc.TeleportAction(positions[0]))
-        drive = _drive(xosc, vehicle, xosc.Polyline(time.tolist(), positions))
-        story.add_maneuver(drive, vehicle, _when(xosc, "start", 0.0, "start"))
+        # It follows its trajectory by the clock of the scenario.
+        trajectory = xosc.Trajectory(f"{vehicle} motion", False)
+        trajectory.add_shape(xosc.Polyline(time.tolist(), positions))
+        how = xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0
+        event = xosc.Event(f"{vehicle} event", xosc.Priority.override)
+        event.add_action(f"{vehicle} follows", xosc.FollowTrajectoryAction(trajectory, *how))
+        event.add_trigger(_when(xosc, f"{vehicle} sets off", 0.0, "start"))
+        manoeuvre = xosc.Maneuver(f"{vehicle} manoeuvre")
+        manoeuvre.add_event(event)
+        story.add_maneuver(manoeuvre, vehicle, _when(xosc, "start", 0.0, "start"))
     scenario = xosc.Scenario(
         selection.dataset.site.name, "fleetlog", xosc.ParameterDeclarations(), entities, story,
         roads, xosc.Catalog(), osc_minor_version=2,
@@ -64,16 +72,3 @@ def _motions(selection: Selection) -> dict[str, Floats]:
 def _when(xosc: Any, name: str, seconds: float, point: str = "stop") -> Any:
     condition = xosc.SimulationTimeCondition(seconds, xosc.Rule.greaterOrEqual)
     return xosc.ValueTrigger(name, 0.0, xosc.ConditionEdge.none, condition, point)
-
-
-def _drive(xosc: Any, vehicle: str, way: Any) -> Any:
-    """The manoeuvre of a vehicle that follows its trajectory by the clock of the scenario."""
-    trajectory = xosc.Trajectory(f"{vehicle} motion", False)
-    trajectory.add_shape(way)
-    how = xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0
-    event = xosc.Event(f"{vehicle} event", xosc.Priority.override)
-    event.add_action(f"{vehicle} follows", xosc.FollowTrajectoryAction(trajectory, *how))
-    event.add_trigger(_when(xosc, f"{vehicle} sets off", 0.0, "start"))
-    manoeuvre = xosc.Maneuver(f"{vehicle} manoeuvre")
-    manoeuvre.add_event(event)
-    return manoeuvre

@@ -8,7 +8,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fleetlog.core.site import Frame
 from fleetlog.exporters.base import Selection
 
 _GEO = {
@@ -27,18 +26,15 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     with pq.ParquetWriter(path, whole, compression="zstd") as writer:
         for table in selection.tables(schema):
             if frame is not None:
-                table = table.append_column("geometry", _points(table, frame)).cast(whole)
+                # Well-known binary of every position; null where it is unknown.
+                x, y = (table.column(c).to_numpy().astype(np.float64) for c in ("x", "y"))
+                latitude, longitude = frame.to_geographic(x, y)
+                wkb = np.zeros(len(table), _WKB_POINT)
+                wkb["order"], wkb["kind"], wkb["x"], wkb["y"] = 1, 1, longitude, latitude
+                known = np.packbits(np.isfinite(x) & np.isfinite(y), bitorder="little")
+                buffers = [pa.py_buffer(known.tobytes()), pa.py_buffer(wkb.tobytes())]
+                fixed = pa.binary(_WKB_POINT.itemsize)
+                points = pa.FixedSizeBinaryArray.from_buffers(fixed, len(table), buffers).cast(pa.binary())
+                table = table.append_column("geometry", points).cast(whole)
             writer.write_table(table)
     return {"geometry": frame is not None}
-
-
-def _points(table: pa.Table, frame: Frame) -> pa.Array:
-    """Well-known binary of every position; null where it is unknown."""
-    x, y = (table.column(c).to_numpy().astype(np.float64) for c in ("x", "y"))
-    latitude, longitude = frame.to_geographic(x, y)
-    wkb = np.zeros(len(table), _WKB_POINT)
-    wkb["order"], wkb["kind"], wkb["x"], wkb["y"] = 1, 1, longitude, latitude
-    known = np.packbits(np.isfinite(x) & np.isfinite(y), bitorder="little")
-    buffers = [pa.py_buffer(known.tobytes()), pa.py_buffer(wkb.tobytes())]
-    fixed = pa.binary(_WKB_POINT.itemsize)
-    return pa.FixedSizeBinaryArray.from_buffers(fixed, len(table), buffers).cast(pa.binary())

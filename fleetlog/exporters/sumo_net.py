@@ -16,7 +16,6 @@ from lxml import etree
 
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Network
-from fleetlog.core.site import Frame
 from fleetlog.exporters.base import Selection
 
 DEFAULT_SPEED = 5.0
@@ -32,12 +31,26 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     n = selection.dataset.site.roads()
     edges, nodes = ([*_told_apart(map(sumo_name, names))] for names in (n.edge_ids, n.node_ids))
     net = etree.Element("net", version="1.20", limitTurnSpeed="5.50")
-    etree.SubElement(net, "location", _location(n, selection.dataset.site.frame))
+    frame, (x0, y0, x1, y1) = selection.dataset.site.frame, n.extent
+    geographic, projection = ANYWHERE, "!"
+    if frame is not None and frame.rotation == 0.0:
+        latitude, longitude = frame.to_geographic([x0, x1], [y0, y1])
+        geographic = f"{longitude[0]:.6f},{latitude[0]:.6f},{longitude[1]:.6f},{latitude[1]:.6f}"
+        origin = f"+lat_0={frame.latitude!r} +lon_0={frame.longitude!r}"
+        projection = f"+proj=aeqd {origin} +ellps=WGS84 +units=m +no_defs"
+    local = {"netOffset": "0.00,0.00", "convBoundary": f"{x0:.2f},{y0:.2f},{x1:.2f},{y1:.2f}"}
+    location = {**local, "origBoundary": geographic, "projParameter": projection}
+    etree.SubElement(net, "location", location)
     links: dict[int, list[Connection]] = defaultdict(list)
     for i, name in enumerate(edges):
         ends = {"id": name, "from": nodes[n.start[i]], "to": nodes[n.end[i]]}
         edge = etree.SubElement(net, "edge", {**ends, "priority": "-1", "spreadType": "center"})
-        etree.SubElement(edge, "lane", _lane(n, i, name))
+        limit, width = float(n.speed_limit[i]), float(n.width[i])
+        speed = limit if np.isfinite(limit) and limit > 0 else DEFAULT_SPEED
+        wide = {"width": f"{width:.2f}"} if np.isfinite(width) and width > 0 else {}
+        length = f"{max(float(n.length[i]), 0.1):.3f}"
+        lane = {"id": f"{name}_0", "index": "0", "speed": f"{speed:.2f}", "length": length, **wide}
+        etree.SubElement(edge, "lane", {**lane, "shape": _shape(n, n.polyline(i))})
         links[int(n.end[i])] += [(i, int(b)) for b in n.successors(i) if n.start[b] == n.end[i]]
     for v, name in enumerate(nodes):
         incoming = " ".join(f"{edges[i]}_0" for i in np.flatnonzero(n.end == v))
@@ -63,30 +76,9 @@ def _told_apart(names: Iterable[str]) -> Iterator[str]:
         yield name if seen[name] == 1 else f"{name}__{seen[name]}"
 
 
-def _location(n: Network, frame: Frame | None) -> dict[str, str]:
-    x0, y0, x1, y1 = n.extent
-    geographic, projection = ANYWHERE, "!"
-    if frame is not None and frame.rotation == 0.0:
-        latitude, longitude = frame.to_geographic([x0, x1], [y0, y1])
-        geographic = f"{longitude[0]:.6f},{latitude[0]:.6f},{longitude[1]:.6f},{latitude[1]:.6f}"
-        origin = f"+lat_0={frame.latitude!r} +lon_0={frame.longitude!r}"
-        projection = f"+proj=aeqd {origin} +ellps=WGS84 +units=m +no_defs"
-    local = {"netOffset": "0.00,0.00", "convBoundary": f"{x0:.2f},{y0:.2f},{x1:.2f},{y1:.2f}"}
-    return {**local, "origBoundary": geographic, "projParameter": projection}
-
-
 def _shape(n: Network, points: Floats) -> str:
     width = 3 if n.has_elevation else 2
     return " ".join(",".join(f"{c:.3f}" for c in p[:width]) for p in points.tolist())
-
-
-def _lane(n: Network, i: int, name: str) -> dict[str, str]:
-    limit, width = float(n.speed_limit[i]), float(n.width[i])
-    speed = limit if np.isfinite(limit) and limit > 0 else DEFAULT_SPEED
-    wide = {"width": f"{width:.2f}"} if np.isfinite(width) and width > 0 else {}
-    length = f"{max(float(n.length[i]), 0.1):.3f}"
-    lane = {"id": f"{name}_0", "index": "0", "speed": f"{speed:.2f}", "length": length, **wide}
-    return {**lane, "shape": _shape(n, n.polyline(i))}
 
 
 def _junction(net: Any, n: Network, v: int, names: dict[str, str], links: list[Connection]) -> None:

@@ -46,7 +46,15 @@ class Clock:
             except pa.ArrowInvalid:
                 return _times.from_counts(numbers(cells)[0], self.style, self.profile.origin)
         if self.style == "of day" or not has_date(self.style):
-            time = self._dated(_times.of_day(cells, self.style))
+            of_day = _times.of_day(cells, self.style)
+            if self.days is None:
+                # On the days from the profile's origin: a date is never made up.
+                if (origin := self.profile.time_origin) is None:
+                    do = 'name a column of dates too, or state the first day: [time] origin = "2026-03-02"'
+                    raise FormatError("the times are times of day without a date", where=self.path, do=do)
+                here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
+                self.days = _times.Days(_times.microseconds(datetime(here.year, here.month, here.day)))
+            time = self.days.dated(of_day)
             return self.to_utc(time, time != _times.NONE, vehicle)
         if self.profile.time_origin is not None:
             what, where = "the times have dates of their own", self.profile.path
@@ -71,16 +79,6 @@ class Clock:
     def _whole(self, counts: pa.Array, unit: str, origin: int) -> Ints:
         time = _times.from_counts(np.asarray(counts.fill_null(0), dtype=np.int64), unit, origin)
         return np.where(self.missing, _times.NONE, time)
-
-    def _dated(self, of_day: Ints) -> Ints:
-        """Times of day on the days from the profile's origin; a date is never made up."""
-        if self.days is None:
-            if (origin := self.profile.time_origin) is None:
-                do = 'name a column of dates too, or state the first day: [time] origin = "2026-03-02"'
-                raise FormatError("the times are times of day without a date", where=self.path, do=do)
-            here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
-            self.days = _times.Days(_times.microseconds(datetime(here.year, here.month, here.day)))
-        return self.days.dated(of_day)
 
     def _decide(self, cells: pa.Array) -> str:
         """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""

@@ -117,7 +117,13 @@ def plan(
         raise FormatError(what, where=path, do="record " + " or ".join(list(KINDS)[:3]))
     naming = [*wanted, *(t for t in frames if not _is_static(t))]
     names = {t.name: one for t in topics} if one else _vehicles(naming, default)
-    roles = _frames(frames, names, default, named=not one)
+    # Topics of transforms: those of one namespace make one tree of frames.
+    roles, trees = dict[str, Role](), defaultdict[str, Transforms](Transforms)
+    for topic in frames:
+        if decode := decoder(topic.schema, topic.encoding):
+            tree = trees[topic.name.rpartition("/")[0]]
+            take = partial(tree.take, decode, static=_is_static(topic), named=not one)
+            roles[topic.name] = Role(names.get(topic.name, default), take, True)
     report.recognised |= dict.fromkeys(roles, "position and heading of base_link, from transforms")
     taken: dict[str, str] = {}
     for topic in sorted(wanted, key=lambda t: (t.kind.rank if t.kind else 9, t.name)):
@@ -134,18 +140,6 @@ def plan(
         report.recognised[topic.name] = f"{kind.meaning}, of {vehicle}"
     if unused := [t for t in topics if t.name not in roles and t not in wanted]:
         report.note(f"{count(len(unused), 'topic')} without position or battery left out: {listed(unused)}")
-    return roles
-
-
-def _frames(topics: list[Topic], names: dict[str, str], default: str, *, named: bool) -> dict[str, Role]:
-    """The roles of topics of transforms; those of one namespace make one tree of frames."""
-    trees: dict[str, Transforms] = defaultdict(Transforms)
-    roles = {}
-    for topic in topics:
-        if decode := decoder(topic.schema, topic.encoding):
-            tree = trees[topic.name.rpartition("/")[0]]
-            take = partial(tree.take, decode, static=_is_static(topic), named=named)
-            roles[topic.name] = Role(names.get(topic.name, default), take, True)
     return roles
 
 

@@ -41,7 +41,14 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         what = "is cut off or damaged: the description at its end cannot be read"
         raise FormatError(what, where=path, do=f"write it again ({str(error)[:80]})") from None
     with file:
-        _check_size(file.metadata, path)
+        about = file.metadata
+        # Repeated values take next to no room: what a file states is held against its size.
+        cells = about.num_rows * about.num_columns
+        widest = max((about.row_group(g).total_byte_size for g in range(about.num_row_groups)), default=0)
+        if cells > max(CELLS, CELLS_PER_BYTE * path.stat().st_size) or widest > GROUP_LIMIT:
+            size = f"{about.num_rows:,} rows of {about.num_columns:,} columns"
+            what = f"states {size} in groups of {widest >> 20:,} MB"
+            raise FormatError(what, where=path, do="write it again in smaller row groups")
         reader = _Reader(file, path, options)
         for group in range(file.num_row_groups):
             rows = file.metadata.row_group(group).num_rows
@@ -52,16 +59,6 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
                 options.report.damaged(f"row group {group} ({rows} rows) cannot be read: {str(error)[:120]}")
         if options.report.damage and not reader.done:
             raise options.report.nothing("no row can be read", "write it again")
-
-
-def _check_size(about: Any, path: Path) -> None:
-    """Repeated values take next to no room: what a file states is held against its size."""
-    cells = about.num_rows * about.num_columns
-    widest = max((about.row_group(g).total_byte_size for g in range(about.num_row_groups)), default=0)
-    if cells > max(CELLS, CELLS_PER_BYTE * path.stat().st_size) or widest > GROUP_LIMIT:
-        size = f"{about.num_rows:,} rows of {about.num_columns:,} columns"
-        what = f"states {size} in groups of {widest >> 20:,} MB"
-        raise FormatError(what, where=path, do="write it again in smaller row groups")
 
 
 class _Reader:

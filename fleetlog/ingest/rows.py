@@ -102,9 +102,11 @@ class Spill:
     def set_down(self) -> list[Slip]:
         """Write what waits; what has been written so far."""
         for vehicle, waiting in self._waiting.items():
-            rows = concatenate(waiting)
-            path = self.folder / f"{self.name}-{len(self.slips)}.arrow"
-            _save(rows, path)
+            rows, path = concatenate(waiting), self.folder / f"{self.name}-{len(self.slips)}.arrow"
+            columns = {"timestamp": pa.array(rows.time)}
+            for name, values in rows.columns.items():
+                columns[name] = own_array(values) if isinstance(values, Labels) else pa.array(values)
+            feather.write_feather(pa.table(columns), str(path), compression="uncompressed")
             self.slips.append(Slip(vehicle, path, int(rows.time.min()), int(rows.time.max()), len(rows)))
         self._waiting.clear()
         self._bytes = 0
@@ -127,12 +129,6 @@ def _edges(slips: Sequence[Slip]) -> list[int]:
     times = np.sort(np.concatenate(sample))
     cuts = times[[len(times) * k // pieces for k in range(1, pieces)]]
     return [EARLIEST, *np.unique(cuts[cuts > times[:1]]).tolist(), LATEST + 1]
-
-
-def _save(rows: Trajectory, path: Path) -> None:
-    columns = {"timestamp": pa.array(rows.time)}
-    columns |= {n: own_array(v) if isinstance(v, Labels) else pa.array(v) for n, v in rows.columns.items()}
-    feather.write_feather(pa.table(columns), str(path), compression="uncompressed")
 
 
 def _load(slip: Slip, low: int, high: int) -> Trajectory:
