@@ -80,7 +80,14 @@ def chargers(
     weighed = plan.weigh(units, q)
     choice = plan.choose(weighed, q)
     summary = summarise(units, q, weighed, choice) | {"stability": plan.stability(units, choice, q)}
-    sites = _kept(dataset, site_table(units, q, weighed, choice), demand)
+    sites = site_table(units, q, weighed, choice)
+    # Chargers that stand there are kept, where they are, not built twice.
+    present = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
+    spots = list(zip(sites["x"], sites["y"], strict=True))
+    near = [[p for p in present if np.hypot(p.x - x, p.y - y) <= NEAR] for x, y in spots]
+    at = [(p[0].x, p[0].y) if p else xy for p, xy in zip(near, spots, strict=True)]
+    x, y = np.array(at).reshape(-1, 2).T
+    sites = sites.assign(x=x, y=y, existing=[", ".join(p.id for p in own) for own in near])
     if check and truck is not None:
         fleet = Settings(vehicles or len(dataset.vehicles), seconds(duration), seed=seed, soc=soc)
         summary["check"] = try_plan(dataset, sites, truck, fleet)
@@ -97,16 +104,6 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
     known |= {v: i for i, v in enumerate(network.node_ids)}
     none = "no road vertex and no place is called"
     return np.unique(np.array([chosen(known, n, f"{none} {n!r}", DataError) for n in names], np.int64))
-
-
-def _kept(dataset: Dataset, sites: pd.DataFrame, demand: plan.Demand) -> pd.DataFrame:
-    """The sites with the chargers that stand there: these are kept, where they are, not built twice."""
-    present = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
-    spots = list(zip(sites["x"], sites["y"], strict=True))
-    near = [[p for p in present if np.hypot(p.x - x, p.y - y) <= NEAR] for x, y in spots]
-    at = [(p[0].x, p[0].y) if p else xy for p, xy in zip(near, spots, strict=True)]
-    x, y = np.array(at).reshape(-1, 2).T
-    return sites.assign(x=x, y=y, existing=[", ".join(p.id for p in own) for own in near])
 
 
 def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> list[Shape]:

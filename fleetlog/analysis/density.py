@@ -52,7 +52,12 @@ def density(
     rule = Rule(threshold, speed, round(step * 1e6), include_standing)
     first, last = dataset.span or (0, -1)
     # The time grid counts from 1970: no added day shifts it.
-    first, quiet = first // rule.step * rule.step, _silent(dataset)
+    first = first // rule.step * rule.step
+    # By trips, the time within a recording in which no truck was recorded: between shifts.
+    trips = dataset.trips.sort_values("start")
+    begin, end = (trips[k].astype("datetime64[us, UTC]").astype("i8").to_numpy() for k in ("start", "end"))
+    gap = begin[1:] - np.maximum.accumulate(end)[:-1]
+    quiet = int(gap[gap > SILENCE].sum())
     watched = Watched(tuple(dataset.vehicles), first, last + 1, rule.step, quiet)
     parts = list(_hours(dataset, watched))
     pieces = list(each_part(dataset, parts, find_crowds, rule, kinds=(Crowds,), cost=ROW_COST))
@@ -82,14 +87,6 @@ def density(
     places = {"areas": areas} if len(areas) else {}
     shapes = [*_shapes(network, watched, clusters, areas, rows, over_time)]
     return Result("density", summary, tables, places, shapes, _lines(summary, areas))
-
-
-def _silent(dataset: Dataset) -> int:
-    """Time within a recording in which no truck was recorded, by trips, between shifts [us]."""
-    trips = dataset.trips.sort_values("start")
-    begin, end = (trips[k].astype("datetime64[us, UTC]").astype("i8").to_numpy() for k in ("start", "end"))
-    gap = begin[1:] - np.maximum.accumulate(end)[:-1]
-    return int(gap[gap > SILENCE].sum())
 
 
 def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:

@@ -12,7 +12,6 @@ from fleetlog.analysis import occupancy as maps
 from fleetlog.analysis.occupancy import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.arrays import Floats, Mask
-from fleetlog.core.network import Network
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
 from fleetlog.core.words import count, listed, percent
 from fleetlog.errors import ArgumentError, DataError
@@ -55,11 +54,26 @@ def heatmap(
         table = pd.concat(parts, ignore_index=True)
     if compare is not None:
         other = maps.compute(compare, here.cells, hours=hours, state=load)
-        shapes = [_compared(here, other, summary, table, str(compare.path))]
+        share, mask = difference(here, other)
+        per_mille = np.where((here.grid[0] > 0) | (share != 0), 1000 * share, np.nan)
+        moved, theirs = float(np.abs(share).sum() / 2), str(compare.path)
+        summary["compare"] = {"other": theirs, "significant_cells": int(mask.sum()), "moved_share": moved}
+        rows = np.nonzero(here.grid[0] > 0)
+        table["difference"], table["significant"] = share[rows], mask[rows]
+        f, label = here.cells, f"share of time, {summary['dataset']} minus {Path(theirs).name} [per mille]"
+        shapes = [Grid("difference", per_mille, f.x0, f.y0, f.cell, label, True, mask)]
     tables = {"cells": table}
-    if dataset.site.network is not None:
-        tables["edges"], shape = _edge_layer(dataset.site.network, here, quantity)
-        shapes += [shape] if compare is None and by is None else []
+    if (network := dataset.site.network) is not None:
+        values, first = maps.values(here.edges, quantity, 1.0), maps.stretches(network)
+        seen = np.flatnonzero(np.isfinite(values))
+        edge = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first))[seen]
+        start = np.asarray((seen - first[edge]) * maps.STRETCH, dtype=np.float64)
+        end = np.minimum(start + maps.STRETCH, network.length[edge])
+        place = {"edge_id": np.array(network.edge_ids, dtype=object)[edge], "from": start, "to": end}
+        tables["edges"] = pd.DataFrame({**place, **maps.by_name(here.edges[:, seen])})
+        if compare is None and by is None:
+            label = maps.LABELS[quantity].replace("/m²", "")
+            shapes.append(EdgeValues("roads", edge, start, end, values[seen], label))
     return Result("heatmap", summary, tables, {}, shapes, _lines(summary), {"cells": cell})
 
 
@@ -70,34 +84,10 @@ def _drawn(name: str, m: HeatMap, quantity: Quantity, smooth: float) -> Grid:
     return Grid(name, values, c.x0, c.y0, c.cell, maps.LABELS[quantity])
 
 
-def _compared(here: HeatMap, other: HeatMap, summary: dict[str, Any], table: pd.DataFrame, name: str) -> Grid:
-    """The difference map; its figures go into the summary and into the table of cells."""
-    share, mask = difference(here, other)
-    per_mille = np.where((here.grid[0] > 0) | (share != 0), 1000 * share, np.nan)
-    moved = float(np.abs(share).sum() / 2)
-    summary["compare"] = {"other": name, "significant_cells": int(mask.sum()), "moved_share": moved}
-    r, c = np.nonzero(here.grid[0] > 0)
-    table["difference"], table["significant"] = share[r, c], mask[r, c]
-    f, label = here.cells, f"share of time, {summary['dataset']} minus {Path(name).name} [per mille]"
-    return Grid("difference", per_mille, f.x0, f.y0, f.cell, label, True, mask)
-
-
 def _cell_table(here: HeatMap) -> pd.DataFrame:
     r, c = np.nonzero(here.grid[0] > 0)
     x, y = here.cells.middle(r, c)
     return pd.DataFrame({"x": x, "y": y, **maps.by_name(here.grid[:, r, c])})
-
-
-def _edge_layer(network: Network, here: HeatMap, quantity: Quantity) -> tuple[pd.DataFrame, EdgeValues]:
-    v = maps.values(here.edges, quantity, 1.0)
-    seen = np.flatnonzero(np.isfinite(v))
-    first = maps.stretches(network)
-    edge = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first))[seen]
-    start = np.asarray((seen - first[edge]) * maps.STRETCH, dtype=np.float64)
-    end = np.minimum(start + maps.STRETCH, network.length[edge])
-    names = np.array(network.edge_ids, dtype=object)[edge]
-    table = pd.DataFrame({"edge_id": names, "from": start, "to": end, **maps.by_name(here.edges[:, seen])})
-    return table, EdgeValues("roads", edge, start, end, v[seen], maps.LABELS[quantity].replace("/m²", ""))
 
 
 def _summary(dataset: Dataset, here: HeatMap, quantity: Quantity, smooth: float) -> dict[str, Any]:

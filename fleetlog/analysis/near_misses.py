@@ -71,18 +71,15 @@ def near_misses(
         "near_misses": len(table) if judged else None, "kinds": kinds,
     }  # fmt: skip
     said = [f"Near misses are unknown: {ALONE}."] if dataset.alone else _lines(summary, table)
-    return Result("near_misses", summary, {}, {"near_misses": table}, [_marks(table)], said)
-
-
-def _marks(table: pd.DataFrame) -> Marks:
-    """The closest ones, each with its lower indicator."""
+    # The closest ones, each with its lower indicator.
     seconds = table[["ttc_s", "pet_s"]].set_axis(["TTC", "PET"], axis=1)
     worst = seconds.min(axis=1).nsmallest(WORST)
     which = seconds.loc[worst.index].fillna(np.inf).idxmin(axis=1)
     labels = tuple(f"{name} {s:.1f} s" for name, s in zip(which, worst, strict=True))
     at = table.loc[worst.index, ["x", "y"]].to_numpy(float)
     note = f"marked: the {len(at)} closest of {len(table)}" if len(table) > len(at) else ""
-    return Marks("near misses", at, labels, np.full(len(at), 1.0), "critical", note=note)
+    marks = Marks("near misses", at, labels, np.full(len(at), 1.0), "critical", note=note)
+    return Result("near_misses", summary, {}, {"near_misses": table}, [marks], said)
 
 
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:

@@ -56,17 +56,14 @@ def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whol
             f"  {row.place}: {count(row.visits, 'visit')} of {count(row.vehicles, 'truck')}, "
             f"median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"
         )
-    return Result("stops", summary, {"flows": flows}, {"places": table}, _marks(table), lines)
-
-
-def _marks(table: pd.DataFrame) -> list[Shape]:
-    """The places by kind, the larger the longer trucks stand there."""
+    # The larger the longer trucks stand there.
     sized = table.assign(size=3.0 * np.sqrt(table.dwell_total / max(table.dwell_total.max() or 0.0, 1.0)))
-    return [
-        Marks(f"{kind} places", of[["x", "y"]].to_numpy(float), tuple(of.place), of["size"].to_numpy(), kind)
+    marks: list[Shape] = [
+        Marks(f"{kind} places", t[["x", "y"]].to_numpy(float), tuple(t.place), t["size"].to_numpy(), kind)
         for kind in KINDS
-        if len(of := sized[sized.kind == kind])
+        if len(t := sized[sized.kind == kind])
     ]
+    return Result("stops", summary, {"flows": flows}, {"places": table}, marks, lines)
 
 
 def site_text(places: Sequence[Place]) -> str:

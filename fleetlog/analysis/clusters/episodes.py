@@ -33,7 +33,11 @@ def episodes(c: Crowds, limit: float, step: int, least: int) -> tuple[Ints, pd.D
     size, time, speed = (c.clusters[name] for name in ("size", "time", "mean_speed"))
     pairs = _overlaps(c, step)
     before, after, common = (pairs[name].to_numpy() for name in pairs)
-    parent = _parents(pairs, common / (size[before] + size[after] - common), len(size))
+    share = common / (size[before] + size[after] - common)
+    best = pairs.assign(share=-share)[share >= JACCARD].sort_values(["share", "after", "before"])
+    matched = best.drop_duplicates("after").drop_duplicates("before")
+    parent = np.full(len(size), -1)  # (C,) the cluster of the step before that each continues
+    parent[matched["after"]] = matched["before"]
     of = _critical(parent, speed, limit)
     inside = np.flatnonzero(of >= 0)
     each = pd.DataFrame({"cluster": inside, "size": size[inside], "speed": speed[inside]}).groupby(of[inside])
@@ -76,15 +80,6 @@ def _overlaps(c: Crowds, step: int) -> pd.DataFrame:
     key, common = np.unique(cluster[a[stays]] * count + cluster[b[stays]], return_counts=True)
     before, after = np.divmod(key, max(count, 1))
     return pd.DataFrame({"before": before, "after": after, "common": common})
-
-
-def _parents(pairs: pd.DataFrame, share: Floats, count: int) -> Ints:
-    """(C,) the cluster of the step before that each cluster continues, -1 for none."""
-    best = pairs.assign(share=-share)[share >= JACCARD].sort_values(["share", "after", "before"])
-    matched = best.drop_duplicates("after").drop_duplicates("before")
-    out = np.full(count, -1)
-    out[matched["after"]] = matched["before"]
-    return out
 
 
 @dataclass(frozen=True)
@@ -153,7 +148,11 @@ def critical_areas(network: Network, s: pd.DataFrame, watched: Watched) -> pd.Da
     days = (watched.stop - 1 - watched.start) // DAY + 1
     by_day = (s["time"].to_numpy() - watched.start) // DAY
     unit, units = (by_day, days) if days >= 5 else (s["truck"].to_numpy(), len(watched.vehicles))
-    low, high, first = _resampled(group[index], unit, units, s["delay"].to_numpy())
+    sums = np.zeros((units, int(group[index].max()) + 1))
+    np.add.at(sums, (unit, group[index]), s["delay"].to_numpy())
+    draws = np.random.default_rng(0).multinomial(units, np.full(units, 1 / units), size=500) @ sums
+    first = np.bincount(draws.argmax(axis=1), minlength=sums.shape[1]) / len(draws)
+    low, high = np.quantile(draws, [0.05, 0.95], axis=0)
     rows = []
     for a, (_, own) in enumerate(s.groupby(group[index])):
         here, delay = group == a, own["delay"].to_numpy()
@@ -178,15 +177,6 @@ def delay_by_place(s: pd.DataFrame) -> tuple[Ints, Floats]:
     """Place codes, sorted, and the delay in each [s]."""
     codes, inverse = np.unique(s["place"], return_inverse=True)
     return codes, np.asarray(np.bincount(inverse, s["delay"], len(codes)), dtype=np.float64)
-
-
-def _resampled(area: Ints, unit: Ints, units: int, delay: Floats) -> tuple[Floats, ...]:
-    """90 % interval of every area's delay and its share of first ranks, over 500 resamples of all units."""
-    table = np.zeros((units, int(area.max()) + 1))
-    np.add.at(table, (unit, area), delay)
-    draws = np.random.default_rng(0).multinomial(units, np.full(units, 1 / units), size=500) @ table
-    first = np.bincount(draws.argmax(axis=1), minlength=table.shape[1]) / len(draws)
-    return (*np.quantile(draws, [0.05, 0.95], axis=0), first)
 
 
 def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> Ints:

@@ -15,7 +15,6 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, listed, percent
 from fleetlog.simulate.demand import like
 from fleetlog.simulate.engine import Settings
-from fleetlog.simulate.limits import Summary
 from fleetlog.simulate.scenario import Scenario
 from fleetlog.store import Dataset
 
@@ -161,7 +160,15 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Sett
     for name, scenario in both.items():
         chargers = [p for p in scenario.site.places if p.kind == "charge"]
         plugs = sum(1 if p.id in scenario.mined else max(p.plugs, 1) for p in chargers)
-        out[name] = _compared(scenario.run(), plugs)
+        s = scenario.run()
+        out[name] = {
+            "plugs": plugs, "soc_lowest": s.soc_lowest, "soc_mean": s.soc_mean,
+            "soc_end_mean": float(np.mean(s.soc_end)), "soc_end_lowest": min(s.soc_end),
+            "waiting_for_plug_h": s.limits.waiting_s["chargers"] / 3600.0,
+            "empty_trucks": len(s.count.empty), "tasks_given": s.count.tasks_given,
+            "tasks_done": s.count.tasks_done, "charges": s.count.charges,
+            "charged_kwh": s.charged_wh / 1000.0, "driven_km": s.distance_m / 1000.0, "notes": s.notes,
+        }  # fmt: skip
     return out | {"notes": notes}
 
 
@@ -179,16 +186,3 @@ def with_chargers(site: Site, sites: pd.DataFrame) -> Site:
                 name += "p"
             new.append(Place(name, "charge", x, y, power=power))
     return replace(site, places=(*new, *kept))
-
-
-def _compared(summary: Summary, plugs: int) -> dict[str, Any]:
-    """What a trial is judged by."""
-    count = summary.count
-    return {
-        "plugs": plugs, "soc_lowest": summary.soc_lowest, "soc_mean": summary.soc_mean,
-        "soc_end_mean": float(np.mean(summary.soc_end)), "soc_end_lowest": min(summary.soc_end),
-        "waiting_for_plug_h": summary.limits.waiting_s["chargers"] / 3600.0,
-        "empty_trucks": len(count.empty), "tasks_given": count.tasks_given, "tasks_done": count.tasks_done,
-        "charges": count.charges, "charged_kwh": summary.charged_wh / 1000.0,
-        "driven_km": summary.distance_m / 1000.0, "notes": summary.notes,
-    }  # fmt: skip
