@@ -116,8 +116,14 @@ def calibrate(measurements: Sequence[str | Path], truck: Truck, physics: Physics
 
 def fit(observed: Observations, physics: Physics) -> Fit:
     """Fit the truck of ``physics`` to the observations; its added terms stay as they are."""
+    from scipy.linalg import qr
+
     problem = _Problem(observed, physics)
-    free = _telling(problem.jacobian(problem.solve(np.ones(len(UNKNOWNS), dtype=bool))))
+    # Free are numbers of which the runs say more than the prior, given those that they say most of.
+    first = problem.jacobian(problem.solve(np.ones(len(UNKNOWNS), dtype=bool)))
+    triangle, order = qr(first, mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    free = np.isin(np.arange(len(order)), order[: len(diagonal)][diagonal >= LEAST_INFORMATION])
     z = problem.solve(free)
     misfit, spare = problem.misfit(z), len(observed) - int(free.sum())
     # Root of chi-squared a degree of freedom, at least 1; 1 where too few figures are left to tell.
@@ -209,15 +215,6 @@ class _Problem:
         status = np.where(free, np.where(own, "fitted", "tied"), "held")
         columns = (c.tolist() for c in (status, self.prior, value, low, high, remaining))
         return tuple(map(Estimate, UNKNOWNS, *columns))
-
-
-def _telling(jacobian: Floats) -> Mask:
-    """(K,) the numbers of which the runs say more than the prior, given those that they say most of."""
-    from scipy.linalg import qr
-
-    triangle, order = qr(jacobian, mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(triangle))
-    return np.isin(np.arange(len(order)), order[: len(diagonal)][diagonal >= LEAST_INFORMATION])
 
 
 def _blind(jacobian: Floats, free: Mask) -> list[Blind]:

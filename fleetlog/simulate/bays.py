@@ -153,18 +153,7 @@ def offsets(t: Track, lane: int) -> tuple[Floats, Floats]:
 
 def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], spots: int) -> list[str]:
     """Make bays at places and for ``spots`` trucks; notes, or :class:`SiteError` (see ``_at_place``)."""
-    notes = _lasting_lanes(site, maker, mined)
-    notes += [note for place in site.places if (note := _at_place(maker, place, place.id in mined))]
-    notes += _drawn(site, maker, spots)
-    room = sum(b.place.kind != "charge" for b in maker.bays)
-    if vehicles > room - 1:
-        what = f"{vehicles} trucks are more than the site can hold: there is room to park {max(room - 1, 0)}"
-        raise SiteError(what, do="simulate fewer trucks or add roads and parking places")
-    return notes
-
-
-def _lasting_lanes(site: Site, maker: BayMaker, mined: frozenset[str]) -> list[str]:
-    """Restrict bays to the lanes that lead to one another and to most of the places."""
+    # Bays are at lanes that lead to one another and to most of the places.
     network, near = maker.track.network, []
     for place in site.places:
         lanes = maker.lanes_near(place.x, place.y)
@@ -175,7 +164,14 @@ def _lasting_lanes(site: Site, maker: BayMaker, mined: frozenset[str]) -> list[s
     maker.lasting = main_part(network, near)
     out = ~maker.lasting
     told = f"{out.sum()} of {len(network)} lanes ({network.length[out].sum():.0f} m)"
-    return [f"{told} cannot be reached and left again: nobody stops there"] if out.any() else []
+    notes = [f"{told} cannot be reached and left again: nobody stops there"] if out.any() else []
+    notes += [note for place in site.places if (note := _at_place(maker, place, place.id in mined))]
+    notes += _drawn(site, maker, spots)
+    room = sum(b.place.kind != "charge" for b in maker.bays)
+    if vehicles > room - 1:
+        what = f"{vehicles} trucks are more than the site can hold: there is room to park {max(room - 1, 0)}"
+        raise SiteError(what, do="simulate fewer trucks or add roads and parking places")
+    return notes
 
 
 def _at_place(maker: BayMaker, place: Place, mined: bool) -> str | None:

@@ -164,9 +164,6 @@ class Run:
         self.soc_lowest = min(self.soc_lowest, float(self.meter.soc.min()))
         self.soc_sum += float(self.meter.soc.mean()) * self.steps
         self.recorder.next()
-        self._stop_empty()
-
-    def _stop_empty(self) -> None:
         f = self.fleet
         may = np.isin(f.mode, (Mode.PARKED, Mode.HANDLING, Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT))
         for v in np.flatnonzero(may & (self.meter.soc <= 0.0) & ~f.entry):

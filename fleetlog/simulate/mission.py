@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
@@ -97,10 +97,18 @@ def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, i
     half = half_box(truck)
     nodes = _nodes(replays, trips, clock)
     was = _gates(nodes.assign(alone=nodes.recorded), half)
-    for k, (u, trip) in enumerate(trips):
-        stops = _own_stops(_leg(trip), nodes.recorded.to_numpy(), was, int(first[k]))
-        if len(stops) < len(_leg(trip).stops):
-            trip.leg = replace(_leg(trip), stops=stops)
+    recorded = nodes.recorded.to_numpy()
+    for (u, trip), begin in zip(trips, first.tolist()[:-1], strict=True):
+        leg, stops = _leg(trip), dict[int, float]()  # On the way, with no other truck in the way
+        for k, seconds in leg.stops.items():
+            until = recorded[begin + k] + seconds
+            end = begin + int(np.searchsorted(leg.distance, leg.distance[k] + REACH))
+            low, high = np.searchsorted(was["at"], [begin + k, end])
+            opened = recorded[was.node[low:high]]
+            if not ((opened > until - min(seconds, AFTER)) & (opened <= until + 1.0)).any():
+                stops[k] = seconds
+        if len(stops) < len(leg.stops):
+            trip.leg = replace(leg, stops=stops)
             trip.drive = replays[u].free_flow(trip.leg)
     return _driven(replays, trips, clock, first, _gates(_nodes(replays, trips, clock), half))
 
@@ -162,19 +170,6 @@ def _met(n: pd.DataFrame, half: tuple[float, float]) -> Ints:
             touch = meetings(boxes[0], boxes[1], flat, boxes[2], trucks, every, *half)
             found.append(own.index.to_numpy()[touch])
     return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
-
-
-def _own_stops(leg: Leg, recorded: Floats, gates: pd.DataFrame, first: int) -> dict[int, float]:
-    """The stops on the way at which no other truck was in the way."""
-    kept = {}
-    for k, seconds in leg.stops.items():
-        until = recorded[first + k] + seconds
-        end = first + int(np.searchsorted(leg.distance, leg.distance[k] + REACH))
-        low, high = np.searchsorted(gates["at"], [first + k, end])
-        opened = recorded[gates.node[low:high]]
-        if not ((opened > until - min(seconds, AFTER)) & (opened <= until + 1.0)).any():
-            kept[k] = seconds
-    return kept
 
 
 def _driven(

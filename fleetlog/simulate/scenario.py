@@ -153,17 +153,6 @@ def _whole(value: str, name: str) -> int:
     return int(value)
 
 
-def _plugs(site: Site, plugs: int) -> Site:
-    """So many plugs in all, spread evenly over the chargers in the site's order."""
-    chargers = [p.id for p in site.places if p.kind == "charge"]
-    if not chargers:
-        raise DataError("plugs cannot be varied: the site has no charger", do="add a place of kind charge")
-    for k, place in enumerate(chargers):
-        site = with_plugs(site, place, plugs // len(chargers) + (k < plugs % len(chargers)))
-    # A charger without a plug is none.
-    return replace(site, places=tuple(p for p in site.places if p.plugs or p.id not in chargers))
-
-
 def varied(scenario: Scenario, name: str, value: str) -> Scenario:
     """The scenario with one setting changed; a place's id as the name changes its room for trucks."""
     site, settings, places = scenario.site, scenario.settings, [p.id for p in scenario.site.places]
@@ -172,7 +161,14 @@ def varied(scenario: Scenario, name: str, value: str) -> Scenario:
     elif name == "policy":
         settings = replace(settings, policy=Policy.named(value, settings.policy.low))
     elif name == "plugs":
-        site = _plugs(site, _whole(value, name))
+        chargers, plugs = [p.id for p in site.places if p.kind == "charge"], _whole(value, name)
+        if not chargers:
+            do = "add a place of kind charge"
+            raise DataError("plugs cannot be varied: the site has no charger", do=do)
+        # So many in all, spread evenly in the site's order; a charger without a plug is none.
+        for k, place in enumerate(chargers):
+            site = with_plugs(site, place, plugs // len(chargers) + (k < plugs % len(chargers)))
+        site = replace(site, places=tuple(p for p in site.places if p.plugs or p.id not in chargers))
     elif name == "close":
         closed = () if value == NONE else value.split("+")
         site = replace(site, network=site.roads().without(closed)) if closed else site

@@ -24,7 +24,7 @@ from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.retrace import run_cycle, strip
 from fleetlog.simulate.scenario import Scenario, experiment, factor, one_more
 from fleetlog.simulate.tasks import Demand, read_tasks
-from fleetlog.store import Dataset, DatasetWriter
+from fleetlog.store import DatasetWriter
 from fleetlog.store.documents import provenance
 
 Asked = SimpleNamespace  # The arguments of :func:`fleetlog.verbs.simulate.simulate`, converted
@@ -50,7 +50,15 @@ def answer(asked: Asked) -> Answer:
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         writer.summary, lines = run(asked, writer)
         if asked.recording:
-            _replay(writer, asked.like)
+            from fleetlog.view.comparison import write_comparison
+            from fleetlog.view.recording import write_recording
+
+            writer.finish()
+            replayed = writer.path / "recording.rrd"
+            if asked.like is None:
+                write_recording(writer.path, replayed)
+            else:  # beside the recorded fleet, to compare the two
+                write_comparison(asked.like.path, writer.path, replayed)
     return dataset_answer("simulate", target, target if asked.output else None, writer.summary, lines)
 
 
@@ -169,16 +177,3 @@ def _start(asked: Asked) -> int:
     if asked.start is not None:
         return int(asked.start)
     return DEFAULT_START if asked.like is None else moment(asked.like.meta["start"])
-
-
-def _replay(writer: DatasetWriter, recorded: Dataset | None) -> None:
-    """The recording of the simulation; beside the recorded fleet, where there is one to compare it with."""
-    from fleetlog.view.comparison import write_comparison
-    from fleetlog.view.recording import write_recording
-
-    writer.finish()
-    target = writer.path / "recording.rrd"
-    if recorded is None:
-        write_recording(writer.path, target)
-    else:
-        write_comparison(recorded.path, writer.path, target)
