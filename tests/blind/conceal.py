@@ -156,6 +156,11 @@ EFFECTS: dict[str, Callable[[Log], Floats]] = {
     "rough floor since": lambda log: log.pushed(0.022 * log.weight * (log.there & (log.share > 0.5))),
     "tilted site": lambda log: log.pushed(0.01 * log.weight * log.northward),
     "tilted part": lambda log: log.pushed(0.03 * log.weight * log.northward * log.there),
+    "stiff when cold": lambda log: log.pushed(
+        0.0012 * log.weight * (np.nanmax(log.temperature) - log.temperature)
+    ),
+    "load that comes and goes": lambda log: log.power + 600.0 * (log.time % 900.0 < 300.0),
+    "pump with a load": lambda log: log.power + 500.0 * (log.weight > log.weight.min() + 2000.0),
     "late power": lambda log: log.late(2.0),
     "averaged power": lambda log: log.averaged(5.0),
     "efficiency and load of one truck": lambda log: log.less_efficient(0.85) + 400.0 * log.first,

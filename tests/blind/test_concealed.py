@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import polars as pl
 import pytest
 from conceal import diagnosed
+from degrade import diagnosed_as
 
 pytestmark = pytest.mark.slow
 
@@ -83,3 +86,55 @@ def test_a_load_of_one_truck_since_is_told_where_few_folds_have_its_hours(shared
     assert load["scope"]["from"][10:16] == "T05:44" and load["scope"]["until"] is None
     added = next(p for p in load["parameters"] if p["name"] == "added_power")
     assert added["low"] <= 600.0 <= added["high"]
+
+
+def test_what_follows_the_temperature_is_not_outlined_by_numbers_of_hours(shared_data: Path) -> None:
+    """Rolling resistance until one hour, an efficiency until the next and a mass say it less well than one curve."""
+    (only,) = diagnosed(shared_data / "blind" / "none", "stiff when cold")["findings"]
+    assert only["term"] == "unknown" and "ambient_temperature" in only["depends_on"]
+
+
+def test_a_load_that_comes_and_goes_is_not_all_explained(shared_data: Path) -> None:
+    """Its mean is an auxiliary load of 200 W; five minutes of fifteen it is 600 W, which no column shows."""
+    said = diagnosed(shared_data / "engine" / "clean", "load that comes and goes")
+    assert said["verdict"] == "unknown"
+    load, lasts = sorted(said["findings"], key=lambda f: f["term"])
+    assert load["term"] == "auxiliary_load" and lasts["term"] == "unknown" and lasts["depends_on"] == ["time"]
+    added = next(p for p in load["parameters"] if p["name"] == "added_power")
+    assert added["low"] <= 200.0 <= added["high"]
+    assert "Trips in a row" in lasts["statement"]
+
+
+def test_power_that_follows_the_load_at_rest_and_in_motion_is_told_by_it(shared_data: Path) -> None:
+    told = diagnosed(shared_data / "traffic" / "none_dense", "pump with a load")["findings"]
+    (pump,) = (f for f in told if f["term"] != "congestion")
+    assert pump["term"] == "unknown" and pump["depends_on"] == ["payload"]
+
+
+def test_a_truck_that_is_driven_slowly_since_noon_is_told_as_that(shared_data: Path) -> None:
+    """All it does takes 1.3 times as long: it drives at 0.93 / 1.3 of what is permitted, and nothing of it is a
+    number of corners or loads."""
+
+    def slowed(out: Path) -> None:
+        log = pl.read_csv(shared_data / "blind" / "none" / "recorded.csv.gz", infer_schema_length=20_000)
+        time = pl.col("timestamp").str.to_datetime(time_zone="UTC").dt.epoch("us")
+        log = log.drop("battery_power", "soc").with_columns(time=time)
+        slow = (pl.col("vehicle_id") == "F01") & (pl.col("speed") > 0.05)
+        late = pl.col("time") > (pl.col("time").min() + pl.col("time").max()) / 2
+        factor = pl.when(slow & late).then(1.3).otherwise(1.0)
+        step = (pl.col("time").diff().fill_null(0) * factor).cum_sum().over("vehicle_id")
+        log = log.with_columns(
+            speed=pl.col("speed") / factor,
+            timestamp=(pl.col("time").first().over("vehicle_id") + step).cast(pl.Datetime("us")),
+        )
+        log.drop("time").write_csv(out, datetime_format="%Y-%m-%dT%H:%M:%S%.6fZ")
+
+    said = diagnosed_as(shared_data / "blind" / "none", slowed)["findings"]
+    assert all(
+        f["scope"]["vehicles"] == ["F01"] and "T06:2" < f["scope"]["from"][10:] < "T06:32" for f in said
+    )
+    assert not {f["term"] for f in said} & {"laden_speed", "cornering_speed", "speed_zone"}
+    first = said[0]
+    (share,) = first["parameters"]
+    assert first["term"] == "unknown" and "permitted speed" in first["statement"]
+    assert np.isclose(share["value"], 0.93 / 1.3, atol=0.05)

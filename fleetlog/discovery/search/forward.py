@@ -63,15 +63,16 @@ def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint |
 
 
 def _one_for_several(problem: Problem, found: Search) -> Joint | None:
-    """Return the fit with a free curve in the place of several numbers (of all, or of those of a part of the
-    time) that predicts better than they do together: they may outline what none of them is."""
-    now, numbers = found.joint, [h for h in found.joint.chosen if h.knobs]
-    for several in ([h for h in numbers if h.scope.timed], numbers):
-        if len(several) < 2:
+    """Return the fit with a free curve in the place of several others (of two numbers and more, or of all that
+    is of a part of the time) that predicts better than they do: they may outline what none of them is."""
+    now = found.joint
+    for several in ([h for h in now.chosen if h.scope.timed], [h for h in now.chosen if h.knobs]):
+        if not several or (len(several) < 2 and not several[0].scope.timed):
             continue
         kept = [h for h in now.chosen if h not in several]
-        model = now.model.without({k for h in several for k in (*h.knobs, *h.shapes)}, set())
-        left = refit(problem, model, kept)
+        knobs = {k for h in several for k in (*h.knobs, *h.shapes)}
+        fields = {h.term for h in several if h.placed and h.term} - {h.term for h in kept}
+        left = refit(problem, now.model.without(knobs, fields), kept)
         curves = [h for h in problem.rest if h.curve is not None]
         sums = problem.sums(left.model, [*kept, *curves])
         tried = []
