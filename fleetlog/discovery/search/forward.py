@@ -63,11 +63,11 @@ def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint |
 
 
 def _one_for_several(problem: Problem, found: Search) -> Joint | None:
-    """Return the fit with a free curve in the place of several others (of two numbers and more, or of all that
-    is of a part of the time) that predicts better than they do: they may outline what none of them is."""
+    """Return the fit with a free curve in the place of several others (of all numbers, or of all that is of a
+    part of the time) that predicts better than they do: they may outline what none of them is."""
     now = found.joint
     for several in ([h for h in now.chosen if h.scope.timed], [h for h in now.chosen if h.knobs]):
-        if not several or (len(several) < 2 and not several[0].scope.timed):
+        if len(several) < 2:
             continue
         kept = [h for h in now.chosen if h not in several]
         knobs = {k for h in several for k in (*h.knobs, *h.shapes)}
@@ -198,12 +198,13 @@ def _counting(
 def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Joint) -> bool:
     """Whether a hypothesis mostly repeats what another says at least as well: places a curve over a recorded
     state, as a few numbers are simpler than one for every road; a number, be it of a part, one of all that is
-    far likelier; and a number a curve that says twice as much, be it slight."""
+    far likelier; and a number a curve that says twice as much, beyond the model's own error, be it slight."""
     h, o = joint.chosen[-1], other.chosen[-1]
     # An even slope of the site is two numbers, where a curve over the heading is eight.
     at_places = h.placed and o.curve is not None and not 0 < len(h.patterns) < o.curve.width
     numbers = h.knobs and o.knobs and o.scope.whole and not {k.fleet for k in h.knobs} & {*o.knobs}
-    curve = h.knobs and o.curve is not None and now.score - joint.score < HALF * (now.score - other.score)
+    beyond = o.curve is not None and verified(now, other) >= problem.channel.model_error
+    curve = h.knobs and beyond and now.score - joint.score < HALF * (now.score - other.score)
     margin = problem.settings.evidence * (1.0 if at_places else -1.0)
     return bool(at_places or numbers or curve) and _repeats(problem, sums, now, joint, other, margin)
 
