@@ -138,3 +138,22 @@ def test_a_truck_that_is_driven_slowly_since_noon_is_told_as_that(shared_data: P
     (share,) = first["parameters"]
     assert first["term"] == "unknown" and "permitted speed" in first["statement"]
     assert np.isclose(share["value"], 0.93 / 1.3, atol=0.05)
+
+
+@pytest.mark.parametrize("column", ["positions", "speed"])
+def test_positions_and_speed_a_second_apart_are_put_right(column: str, shared_data: Path) -> None:
+    """Late positions are a second behind the power, too; a late speed leaves the rest as it was."""
+
+    def late(out: Path) -> None:
+        log = pl.read_csv(shared_data / "blind" / "none" / "recorded.csv.gz", infer_schema_length=20_000)
+        names = ["latitude", "longitude"] if column == "positions" else ["speed"]
+        log.with_columns(pl.col(names).shift(1).backward_fill().over("vehicle_id")).write_csv(out)
+
+    said = diagnosed_as(shared_data / "blind" / "none", late)
+    way = "ahead of" if column == "positions" else "behind"
+    (note,) = (n for n in said["notes"] if "speed channel" in n)
+    assert f"1.0 s {way} the positions" in note and note.endswith("F01, F02, F03, F04")
+    assert [f["term"] for f in said["findings"]] == ["clock_offset"] * (column == "positions")
+    for clock in said["findings"]:
+        assert -1.1 < clock["parameters"][0]["value"] < -0.7
+    assert all(c["after"] < 0.06 for c in said["channels"])

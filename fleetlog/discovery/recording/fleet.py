@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
+from statistics import median
 from typing import TypeVar
 
 import numpy as np
@@ -49,6 +50,8 @@ class Fleet:
     scale: dict[int, float]
     load_with_power: bool = False
     interval: dict[int, float] = field(default_factory=dict)
+    speed_late: dict[int, float] = field(default_factory=dict)
+    """By how much the speed channel runs behind the positions, by vehicle [s]."""
     left_out: tuple[str, ...] = ()
     """Vehicles whose log lacks the payload that others have: their loads would pass for missing physics."""
     speed_from_positions: frozenset[int] = frozenset()
@@ -82,6 +85,11 @@ class Fleet:
         """Return one vehicle-day."""
         lag, scale = self.lag.get(vehicle, 0.0), self.scale.get(vehicle, 1.0)
         load_lags = self.load_with_power
+        if late := self.speed_late.get(vehicle):
+            time, speed = trajectory.seconds(), trajectory.floats("speed")
+            known = np.isfinite(speed)
+            speed = np.interp(time + late, time[known], speed[known])
+            trajectory = trajectory.with_columns(speed=speed)
         return block(trajectory, vehicle, self.network, self.truck, lag=lag, scale=scale, load_lags=load_lags)
 
     @cached_property
@@ -197,6 +205,13 @@ def absences(fleet: Fleet, once: bool = False) -> list[str]:
     if powered and (mute := sorted(charged - powered)):
         names = ", ".join(fleet.vehicles[v] for v in mute)
         out.append(f"state of charge not judged, since their logs carry no battery power: {names}")
+    if fleet.speed_late:
+        late, names = (
+            median(fleet.speed_late.values()),
+            ", ".join(fleet.vehicles[v] for v in fleet.speed_late),
+        )
+        way = f"{abs(late):.1f} s {'behind' if late > 0.0 else 'ahead of'} the positions"
+        out.append(f"the speed channel runs {way}, and is compared at the same moment: {names}")
     if fleet.rarely_placed:
         out.append(NOTES["rarely"])
     if len({d.vehicle for d in fleet.days}) == 1:

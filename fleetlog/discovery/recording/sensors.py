@@ -1,6 +1,7 @@
 """Faults of the recording come first: a late clock looks like slope or inertia, a wrong speed scale like
 drag.
 
+Late positions: the speed channel is shifted until its ways are as long as those between places.
 Clock: the predicted power is compared with the measured one at every shift, piece by piece, with a parabola
 at the best; and with its mean over the last seconds, which is what some loggers report.  Scale: integrated
 speed against progress along the map, on the middle of edges; without a map against chords of straights.
@@ -11,7 +12,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,8 @@ STRAIGHT = 20.0  # Metres of such a way without a map, where rows are dense
 MANY = 2000  # Rows that show well enough which shift to look at closely
 INTERVALS = np.linspace(0.85, 1.15, 13)
 """Intervals of a mean that are tried, over twice the shift that fits best; and shifts, over that."""
+SHIFTS = np.linspace(-3.0, 3.0, 25)  # Of the speed channel against positions that are tried [s]
+LATE = 0.3  # Shift from which on it counts [s], as of the clock of the power
 LOOKED_AT = 2  # Days of a vehicle whose clock is looked at: twelve pieces tell how late it is
 PIECE = 200  # Rows of a piece whose clock is looked at by itself
 
@@ -85,12 +87,15 @@ def examine(fleet: Fleet, split: Split, only: tuple[str, ...] = ()) -> tuple[Fle
     faults: list[Fault] = []
     known = (t for t in all_terms().values() if t.acts == "sensor" and (not only or t.name in only))
     terms: dict[str, Term] = {t.fault: t for t in known}
-    if "scale" in terms and (found := _speed_scale(fleet, split, terms["scale"])):
-        faults.append(found)
-        fleet = replace(fleet, scale=found.off.by_vehicle)
-    if {"clock", "mean"} & set(terms) and (late := _clock(fleet, split, terms)):
-        faults.append(late[0])
-        fleet = replace(late[1], load_with_power=_load_runs_with_power(late[1]))
+    if "scale" in terms:
+        late, found = _speed(fleet, split, terms["scale"])
+        fleet = replace(fleet, speed_late=late)
+        if found is not None:
+            faults.append(found)
+            fleet = replace(fleet, scale=found.off.by_vehicle)
+    if {"clock", "mean"} & set(terms) and (clock := _clock(fleet, split, terms)):
+        faults.append(clock[0])
+        fleet = replace(clock[1], load_with_power=_load_runs_with_power(clock[1]))
     return fleet, faults
 
 
@@ -146,6 +151,8 @@ def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> O
     whole = len(off) == len(found)
     if whole and np.ptp(values) < SURE * errors.max():
         # One logger for all: the common value is better known than each vehicle's own.
+        if abs(float(np.median(values)) - right) <= least:
+            return None
         off = dict.fromkeys(off, float(np.median(values)))
     worst = float(np.max(np.abs(values - right) / errors))
     p_value = max(math.erfc(min(worst, 37.0) / math.sqrt(2.0)), 1e-300)
@@ -234,32 +241,26 @@ def _missed(fleet: Fleet, together: bool, date: int) -> float:
     return total
 
 
-def _speed_scale(fleet: Fleet, split: Split, term: Term) -> Fault | None:
-    """What the speed channel reads over the true speed; None where no vehicle's is off."""
-    ways: dict[int, list[_Way]] = {}
+def _speed(fleet: Fleet, split: Split, term: Term) -> tuple[dict[int, float], Fault | None]:
+    """How far the speed channel runs behind the positions, by vehicle [s], and what it then reads over the
+    true speed; None where no vehicle's is off."""
+    ways: dict[int, list[Floats]] = {}
     for vehicle, way in itertools.chain.from_iterable(fleet.each(partial(_ways, fleet, split))):
         ways.setdefault(vehicle, []).append(way)
     found = {v: _ratio(np.array(w)) for v, w in ways.items() if len(w) >= FEWEST}
+    late = {v: -shift for v, (_, _, _, shift) in found.items() if shift}
     # How trucks drive between rows is alike in all of them, and so is what the integral misses of it.
-    missed = float(np.sqrt(np.mean([m**2 for _, _, m in found.values()]))) if found else 0.0
-    errors = {v: (ratio, float(np.hypot(error, missed))) for v, (ratio, error, _) in found.items()}
+    missed = float(np.sqrt(np.mean([m**2 for _, _, m, _ in found.values()]))) if found else 0.0
+    errors = {v: (ratio, float(np.hypot(error, missed))) for v, (ratio, error, _, _) in found.items()}
     if (off := _off(errors, 1.0, 1.5 * term.parameters[0].tolerance)) is None:
-        return None
-    return Fault(term.name, "speed", "deviation of travelled distance", off, abs(off.value - 1.0), off.error)
+        return late, None
+    metric = "deviation of travelled distance"
+    return late, Fault(term.name, "speed", metric, off, abs(off.value - 1.0), off.error)
 
 
-class _Way(NamedTuple):
-    """A way by its speed, by its places, and by the speed of every second row [m]; and how much faster the
-    truck is at its end [m/s]."""
-
-    driven: float
-    gone: float
-    sparsely: float
-    faster: float
-
-
-def _ways(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Way]]:
-    """Vehicles with ways of a date."""
+def _ways(fleet: Fleet, split: Split, date: int) -> list[tuple[int, Floats]]:
+    """Vehicles with ways of a date, (2 + K,) [m]: by places, by the speed of every second row, and by that of
+    all rows K moments earlier."""
     out = []
     for _, day in fleet.on(date):
         if day.vehicle in fleet.speed_from_positions | fleet.rarely_placed or "x" not in day.known:
@@ -273,23 +274,32 @@ def _ways(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Way]]:
             # Noise about a standstill adds up to metres, and says nothing of how speed is scaled.
             if fold[a] != HELD_OUT and speed[a : b + 1].min() > STANDING_SPEED:
                 few = np.append(np.arange(a, b, 2), b)
-                sparsely = float(metres_driven(time[few], speed[few])[-1])
-                driven, faster = float(travelled[b] - travelled[a]), float(speed[b] - speed[a])
-                out.append((day.vehicle, _Way(driven, gone, sparsely, faster)))
+                sparsely = metres_driven(time[few], speed[few])[-1]
+                ends = (np.interp(time[k] - SHIFTS, time, travelled) for k in (b, a))
+                out.append((day.vehicle, np.array([gone, sparsely, *np.subtract(*ends)])))
     return out
 
 
-def _ratio(ways: Floats) -> tuple[float, float, float]:
-    """By how much the speed is off, the error of that, and what rows are too sparse to tell: integrals by
-    trapezoids miss four times as much over steps twice as long.  Places that are late are a constant time
-    late: the way is longer by that times the speed that it gains."""
-    driven, gone, sparsely, faster = ways.T
-    ratio = driven / gone
+def _ratio(ways: Floats) -> tuple[float, float, float, float]:
+    """By how much the speed is off, the error of that, what rows are too sparse to tell, and by how much the
+    positions are late [s].  Integrals by trapezoids miss four times as much over steps twice as long.  Ways
+    that end more slowly than they begin are too short where positions are late."""
+    gone, sparsely, driven = ways[:, 0], ways[:, 1], ways[:, 2:].T
+    now = len(SHIFTS) // 2
+    ratio = driven[now] / gone
     good = np.abs(ratio - np.median(ratio)) < MISMATCHED
-    whole = float(gone[good].sum())
-    value, late = (float(x) for x in np.linalg.lstsq(np.stack([gone, faster], 1)[good], driven[good])[0])
-    error = float(np.sqrt(((driven - value * gone - late * faster)[good] ** 2).sum())) / whole + 0.001
-    return value, error, float((sparsely - driven)[good].sum()) / (3.0 * whole)
+    gone, sparsely, driven = gone[good], sparsely[good], driven[:, good]
+    whole, value = float(gone.sum()), driven.sum(axis=1) / gone.sum()
+    left = ((driven - value[:, None] * gone) ** 2).sum(axis=1)
+    # The least of a parabola through the best shift and its neighbours, and how sharp it is.
+    k, step = int(np.clip(np.argmin(left), 1, len(SHIFTS) - 2)), float(SHIFTS[1] - SHIFTS[0])
+    bend = max(float(left[k - 1] - 2.0 * left[k] + left[k + 1]), 1e-12)
+    shift = float(SHIFTS[k] + np.clip(0.5 * (left[k - 1] - left[k + 1]) / bend, -1.0, 1.0) * step)
+    known = step * math.sqrt(2.0 * left[k] / len(gone) / bend)
+    shift = shift if abs(shift) > max(LATE, SURE * known) else 0.0
+    error = math.sqrt(float(np.interp(shift, SHIFTS, left))) / whole + 0.001
+    missed = float((sparsely - driven[now]).sum()) / (3.0 * whole)
+    return float(np.interp(shift, SHIFTS, value)), error, missed, shift
 
 
 def _on_edges(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, int, float]]:
