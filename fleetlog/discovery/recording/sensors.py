@@ -39,7 +39,8 @@ MANY = 2000  # Rows that show well enough which shift to look at closely
 INTERVALS = np.linspace(0.85, 1.15, 13)
 """Intervals of a mean that are tried, over twice the shift that fits best; and shifts, over that."""
 SHIFTS = np.linspace(-3.0, 3.0, 25)  # Of the speed channel against positions that are tried [s]
-LATE = 0.3  # Shift from which on it counts [s], as of the clock of the power
+LATE = 0.3  # Least shift that counts [s], as of the clock of the power
+DENSE = 2.0  # Step of rows [s] up to which they tell of shifts: trucks start and brake within seconds
 LOOKED_AT = 2  # Days of a vehicle whose clock is looked at: twelve pieces tell how late it is
 PIECE = 200  # Rows of a piece whose clock is looked at by itself
 
@@ -247,7 +248,8 @@ def _speed(fleet: Fleet, split: Split, term: Term) -> tuple[dict[int, float], Fa
     ways: dict[int, list[Floats]] = {}
     for vehicle, way in itertools.chain.from_iterable(fleet.each(partial(_ways, fleet, split))):
         ways.setdefault(vehicle, []).append(way)
-    found = {v: _ratio(np.array(w)) for v, w in ways.items() if len(w) >= FEWEST}
+    least = LATE * max(1.0, 1.5 * fleet.step) if fleet.step <= DENSE else math.inf
+    found = {v: _ratio(np.array(w), least) for v, w in ways.items() if len(w) >= FEWEST}
     late = {v: -shift for v, (_, _, _, shift) in found.items() if shift}
     # How trucks drive between rows is alike in all of them, and so is what the integral misses of it.
     missed = float(np.sqrt(np.mean([m**2 for _, _, m, _ in found.values()]))) if found else 0.0
@@ -280,10 +282,10 @@ def _ways(fleet: Fleet, split: Split, date: int) -> list[tuple[int, Floats]]:
     return out
 
 
-def _ratio(ways: Floats) -> tuple[float, float, float, float]:
+def _ratio(ways: Floats, least: float) -> tuple[float, float, float, float]:
     """By how much the speed is off, the error of that, what rows are too sparse to tell, and by how much the
-    positions are late [s].  Integrals by trapezoids miss four times as much over steps twice as long.  Ways
-    that end more slowly than they begin are too short where positions are late."""
+    positions are late, from ``least`` [s] on.  Integrals by trapezoids miss four times as much over steps
+    twice as long.  Ways that end more slowly than they begin are too short where positions are late."""
     gone, sparsely, driven = ways[:, 0], ways[:, 1], ways[:, 2:].T
     now = len(SHIFTS) // 2
     ratio = driven[now] / gone
@@ -296,7 +298,7 @@ def _ratio(ways: Floats) -> tuple[float, float, float, float]:
     bend = max(float(left[k - 1] - 2.0 * left[k] + left[k + 1]), 1e-12)
     shift = float(SHIFTS[k] + np.clip(0.5 * (left[k - 1] - left[k + 1]) / bend, -1.0, 1.0) * step)
     known = step * math.sqrt(2.0 * left[k] / len(gone) / bend)
-    shift = shift if abs(shift) > max(LATE, SURE * known) else 0.0
+    shift = shift if abs(shift) > max(least, SURE * known) else 0.0
     error = math.sqrt(float(np.interp(shift, SHIFTS, left))) / whole + 0.001
     missed = float((sparsely - driven[now]).sum()) / (3.0 * whole)
     return float(np.interp(shift, SHIFTS, value)), error, missed, shift
