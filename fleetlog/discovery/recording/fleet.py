@@ -86,9 +86,8 @@ class Fleet:
         lag, scale = self.lag.get(vehicle, 0.0), self.scale.get(vehicle, 1.0)
         load_lags = self.load_with_power
         if late := self.speed_late.get(vehicle):
-            time, speed = trajectory.seconds(), trajectory.floats("speed")
-            known = np.isfinite(speed)
-            speed = np.interp(time + late, time[known], speed[known])
+            time = trajectory.seconds()
+            speed = np.interp(time + late, time, trajectory.floats("speed"))
             trajectory = trajectory.with_columns(speed=speed)
         return block(trajectory, vehicle, self.network, self.truck, lag=lag, scale=scale, load_lags=load_lags)
 
@@ -206,10 +205,8 @@ def absences(fleet: Fleet, once: bool = False) -> list[str]:
         names = ", ".join(fleet.vehicles[v] for v in mute)
         out.append(f"state of charge not judged, since their logs carry no battery power: {names}")
     if fleet.speed_late:
-        late, names = (
-            median(fleet.speed_late.values()),
-            ", ".join(fleet.vehicles[v] for v in fleet.speed_late),
-        )
+        late = median(fleet.speed_late.values())
+        names = ", ".join(fleet.vehicles[v] for v in fleet.speed_late)
         way = f"{abs(late):.1f} s {'behind' if late > 0.0 else 'ahead of'} the positions"
         out.append(f"the speed channel runs {way}, and is compared at the same moment: {names}")
     if fleet.rarely_placed:

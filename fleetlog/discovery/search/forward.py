@@ -79,7 +79,7 @@ def _one_for_several(problem: Problem, found: Search) -> Joint | None:
         for s in screen(problem, sums, left, curves)[:SECOND]:
             joint = refit(problem, left.model, [*kept, s.hypothesis], 1, sums)
             tried.append(replace(joint, score=max(joint.score, left.score - s.gain)))
-        evidence, likely = problem.settings.evidence, min(j.score for j in tried)
+        evidence, likely = problem.settings.evidence, min((j.score for j in tried), default=np.inf)
         near = [j for j in tried if j.score - likely < evidence and now.score - j.score > evidence]
         if best := min(near, key=lambda j: len(j.chosen[-1].depends_on), default=None):
             found.rivals[best.chosen[-1].kind] = _rivals(problem, left, best, tried)

@@ -111,7 +111,7 @@ def _left(
     problem: Problem, model: Model, share: float, units: Iterable[Unit]
 ) -> list[tuple[Floats, Floats, Floats]]:
     """(W, d) features of the windows of units; (W, 4) what a model leaves of them, their trips, whether they
-    are held out, and the noise that is known; and what trips in a row that are not have in common."""
+    are held out, and the noise that is known; and what the others have in common with those next to them."""
     out = []
     for unit in units:
         left, held = unit.recorded - problem.channel.predict(unit, model), unit.fold == HELD_OUT
