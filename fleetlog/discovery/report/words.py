@@ -120,7 +120,8 @@ def onward(f: Finding, name: Callable[[str], str] = str) -> str:
         return f"These data cannot tell it from {others}. To tell them apart: {f.needs or 'record more'}."
     if (f.evidence.get("held_out_gain") or 0.0) < 0.0:
         return "The trips held out do not confirm it: record more there before you act on it."
-    return f"To go on: {f.needs}." if f.needs else ""
+    # Where nothing else can be done, what to do says it.
+    return f"To go on: {f.needs}." if f.needs and f.needs[1:] not in advice(f) else ""
 
 
 def needs(term: str | None, others: Sequence[str]) -> str | None:
