@@ -170,6 +170,9 @@ def _counting(
     """Yield what may be added to the model, in the order in which it may; ``rivals`` may not. What does not
     count goes to ``slight``."""
     worth = [j for j in ranked if j.chosen[-1] not in rivals]
+    own, least = problem.channel.model_error, problem.settings.material
+    curves = [o for o in ranked if o.chosen[-1].curve and verified(now, o) >= own]
+    untold = [o for o in curves if not _counts(problem, o.chosen[-1], size_of(problem, now, o), least)]
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
@@ -185,6 +188,10 @@ def _counting(
             continue
         if any(_follows(problem, sums, now, joint, o) for o in ranked):
             continue
+        # A number that repeats a curve which says twice as much, and is too slight to be told, is so as well.
+        twice = [o for o in untold if h.knobs and now.score - joint.score < HALF * (now.score - o.score)]
+        if any(_repeats(problem, sums, now, joint, o) for o in twice):
+            continue
         size = size_of(problem, now, joint)
         if not _counts(problem, joint.chosen[-1], size, problem.settings.material):
             slight.append((joint, size))
@@ -197,16 +204,14 @@ def _counting(
 
 def _follows(problem: Problem, sums: Sums, now: Joint, joint: Joint, other: Joint) -> bool:
     """Whether a hypothesis mostly repeats what another says at least as well: places a curve over a recorded
-    state, as a few numbers are simpler than one for every road; a number, be it of a part, one of all that is
-    far likelier; and a number a curve that says twice as much, beyond the model's own error, be it slight."""
+    state, as a few numbers are simpler than one for every road; and a number, be it of a part, one of all
+    that is far likelier."""
     h, o = joint.chosen[-1], other.chosen[-1]
     # An even slope of the site is two numbers, where a curve over the heading is eight.
     at_places = h.placed and o.curve is not None and not 0 < len(h.patterns) < o.curve.width
     numbers = h.knobs and o.knobs and o.scope.whole and not {k.fleet for k in h.knobs} & {*o.knobs}
-    beyond = o.curve is not None and verified(now, other) >= problem.channel.model_error
-    curve = h.knobs and beyond and now.score - joint.score < HALF * (now.score - other.score)
     margin = problem.settings.evidence * (1.0 if at_places else -1.0)
-    return bool(at_places or numbers or curve) and _repeats(problem, sums, now, joint, other, margin)
+    return bool(at_places or numbers) and _repeats(problem, sums, now, joint, other, margin)
 
 
 def _repeats(
