@@ -2,13 +2,17 @@
 
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.model import Model, field_values
-from fleetlog.discovery.search.joint import Joint, refit, scored, tuned
+from fleetlog.discovery.search.beside import screen
+from fleetlog.discovery.search.joint import Joint, refit, scored, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.search.scopes import ended
 
+FEW = 3  # Curves that are tried in the place of several others
 BY_CHANCE = 0.05  # Share of a field, by its squares, that may be implausible: one value in twenty is, of 95 %
 
 
@@ -146,3 +150,44 @@ def formed(problem: Problem, sums: Sums, model: Model, chosen: Chosen, h: Hypoth
 def _forms(problem: Problem, h: Hypothesis) -> list[Hypothesis]:
     """The shapes of a hypothesis that are scanned."""
     return [f for f in problem.rest if f.setting and (f.term, f.knobs) == (h.term, h.knobs)]
+
+
+def one_for_several(problem: Problem, found: Search) -> Joint | None:
+    """Return the fit with a free curve in the place of several others (of all numbers, or of all that is of a
+    part of the time) that predicts better than they do: they may outline what none of them is."""
+    now = found.joint
+    for several in ([h for h in now.chosen if h.scope.timed], [h for h in now.chosen if h.knobs]):
+        if len(several) < 2:
+            continue
+        kept = [h for h in now.chosen if h not in several]
+        knobs = {k for h in several for k in (*h.knobs, *h.shapes)}
+        fields = {h.term for h in several if h.placed and h.term} - {h.term for h in kept}
+        left = refit(problem, now.model.without(knobs, fields), kept)
+        curves = [h for h in problem.rest if h.curve is not None]
+        sums = problem.sums(left.model, [*kept, *curves])
+        tried = []
+        for s in screen(problem, sums, left, curves)[:FEW]:
+            joint = refit(problem, left.model, [*kept, s.hypothesis], 1, sums)
+            tried.append(replace(joint, score=max(joint.score, left.score - s.gain)))
+        evidence, likely = problem.settings.evidence, min((j.score for j in tried), default=np.inf)
+        near = [j for j in tried if j.score - likely < evidence and now.score - j.score > evidence]
+        if best := min(near, key=lambda j: len(j.chosen[-1].depends_on), default=None):
+            found.rivals[best.chosen[-1].kind] = considered(problem, left, best, tried)
+            return best
+    return None
+
+
+def considered(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> list[Rival]:
+    """Return what was considered in the place of the last hypothesis of a fit, and is not the same."""
+    out = []
+    gained, own = float((now.losses - joint.losses).sum()), joint.chosen[-1]
+    for other in ranked:
+        h = other.chosen[-1]
+        # A free curve that only repeats a name is no rival to it; one that repeats another curve is.
+        same = (h.term, h.scope) == (own.term, own.scope) and (h.term or h.depends_on == own.depends_on)
+        repeats = own.term and h.term is None and verified(joint, other) < problem.channel.model_error
+        if same or repeats:
+            continue
+        share = float((now.losses - other.losses).sum()) / max(gained, 1e-12)
+        out.append(Rival(h, other.score - joint.score, share))
+    return out

@@ -10,7 +10,15 @@ from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.model import FLEET, Model
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import Screened, gained, pattern_hypotheses, screen
-from fleetlog.discovery.search.finish import Rival, Search, formed, on_bound, pruned, shaped
+from fleetlog.discovery.search.finish import (
+    Search,
+    considered,
+    formed,
+    on_bound,
+    one_for_several,
+    pruned,
+    shaped,
+)
 from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tightened, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
@@ -26,7 +34,7 @@ def search(problem: Problem, nominal: Model) -> Search:
         if better is None:
             if now.chosen != found.joint.chosen:
                 found.joint = refit(problem, found.joint.model, now.chosen)
-            if (one := _one_for_several(problem, found)) is None:
+            if (one := one_for_several(problem, found)) is None:
                 break
             found.joint = one
             continue
@@ -60,31 +68,6 @@ def _step(problem: Problem, found: Search, rest: Chosen) -> tuple[Joint, Joint |
         timed = _at_times(problem, now, found)
         better = min((j for j in (better, timed) if j is not None), key=lambda j: j.score, default=None)
     return now, better
-
-
-def _one_for_several(problem: Problem, found: Search) -> Joint | None:
-    """Return the fit with a free curve in the place of several others (of all numbers, or of all that is of a
-    part of the time) that predicts better than they do: they may outline what none of them is."""
-    now = found.joint
-    for several in ([h for h in now.chosen if h.scope.timed], [h for h in now.chosen if h.knobs]):
-        if len(several) < 2:
-            continue
-        kept = [h for h in now.chosen if h not in several]
-        knobs = {k for h in several for k in (*h.knobs, *h.shapes)}
-        fields = {h.term for h in several if h.placed and h.term} - {h.term for h in kept}
-        left = refit(problem, now.model.without(knobs, fields), kept)
-        curves = [h for h in problem.rest if h.curve is not None]
-        sums = problem.sums(left.model, [*kept, *curves])
-        tried = []
-        for s in screen(problem, sums, left, curves)[:SECOND]:
-            joint = refit(problem, left.model, [*kept, s.hypothesis], 1, sums)
-            tried.append(replace(joint, score=max(joint.score, left.score - s.gain)))
-        evidence, likely = problem.settings.evidence, min((j.score for j in tried), default=np.inf)
-        near = [j for j in tried if j.score - likely < evidence and now.score - j.score > evidence]
-        if best := min(near, key=lambda j: len(j.chosen[-1].depends_on), default=None):
-            found.rivals[best.chosen[-1].kind] = _rivals(problem, left, best, tried)
-            return best
-    return None
 
 
 def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
@@ -142,7 +125,7 @@ def _best(
             first = numbers[0]  # Both count or neither, and the curve does
     if first is not None:
         first, ranked = _timed(problem, now, first, ranked)
-        found.rivals[first.chosen[-1].kind] = _rivals(problem, now, first, ranked)
+        found.rivals[first.chosen[-1].kind] = considered(problem, now, first, ranked)
     return first
 
 
@@ -172,7 +155,8 @@ def _counting(
     worth = [j for j in ranked if j.chosen[-1] not in rivals]
     own, least = problem.channel.model_error, problem.settings.material
     curves = [o for o in ranked if o.chosen[-1].curve and verified(now, o) >= own]
-    untold = [o for o in curves if not _counts(problem, o.chosen[-1], size_of(problem, now, o), least)]
+    sizes = {o.chosen[-1]: size_of(problem, now, o) for o in curves}
+    untold = [o for o in curves if not _counts(problem, o.chosen[-1], sizes[o.chosen[-1]], least)]
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
@@ -192,8 +176,8 @@ def _counting(
         twice = [o for o in untold if h.knobs and now.score - joint.score < HALF * (now.score - o.score)]
         if any(_repeats(problem, sums, now, joint, o) for o in twice):
             continue
-        size = size_of(problem, now, joint)
-        if not _counts(problem, joint.chosen[-1], size, problem.settings.material):
+        size = sizes.get(h) or size_of(problem, now, joint)
+        if not _counts(problem, h, size, least):
             slight.append((joint, size))
             continue
         # What is too slight as a name says it is no more as free values by place, which say it less well.
@@ -262,7 +246,7 @@ SEVERAL = 7  # Folds that speak for it, each a little, that are as good as a few
 OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve or junctions
 MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
 HALF = 0.5  # The same of a curve, of the one of two names that says more
-SECOND = 3  # Numbers that are tried beside a name, and curves in the place of several
+SECOND = 3  # Numbers that are tried beside a name
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
 
@@ -389,18 +373,3 @@ def _counts(problem: Problem, h: Hypothesis, size: Size, material: float) -> boo
     # takes nothing away between them.
     between = problem.channel.steady and not h.scope.whole
     return size.share >= material and (between or size.share * size.verified >= own**2)
-
-
-def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> list[Rival]:
-    out = []
-    gained, own = float((now.losses - joint.losses).sum()), joint.chosen[-1]
-    for other in ranked:
-        h = other.chosen[-1]
-        # A free curve that only repeats a name is no rival to it; one that repeats another curve is.
-        same = (h.term, h.scope) == (own.term, own.scope) and (h.term or h.depends_on == own.depends_on)
-        repeats = own.term and h.term is None and verified(joint, other) < problem.channel.model_error
-        if same or repeats:
-            continue
-        share = float((now.losses - other.losses).sum()) / max(gained, 1e-12)
-        out.append(Rival(h, other.score - joint.score, share))
-    return out
