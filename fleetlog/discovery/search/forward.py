@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain, product
 
 import numpy as np
 
 from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
-from fleetlog.discovery.model import FLEET, Model
+from fleetlog.discovery.model import FLEET, Model, Scope
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import Screened, gained, pattern_hypotheses, screen
 from fleetlog.discovery.search.finish import (
@@ -303,10 +304,17 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
 
 
 def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
-    """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it."""
+    """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it; and each
+    of them of at most half of the trucks, where these stand on the same edge of what trucks differ by."""
     fitted = zip(now.design.atoms, now.fitted.beta, strict=True)
-    knobs = {a.knob for a, b in fitted if a.of_truck_file and not a.low < b < a.high}
-    return [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in knobs]
+    edges = {a.knob: b >= a.high for a, b in fitted if a.owner is None and a.knob and not a.low < b < a.high}
+    numbers = [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in problem.channel.adjustable()]
+    out, half = [h for h in numbers if h.knobs[0] in edges], len(problem.channel.fleet.vehicles) // 2
+    for knob, high in product(problem.channel.adjustable(), (False, True)):
+        own = [k.scope.vehicles for k, on in edges.items() if k.fleet == knob and on == high]
+        if 0 < len(who := tuple(sorted(chain(*own)))) <= half:
+            out += [h.of(Scope(who)) for h in numbers]
+    return out
 
 
 def _exact(problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, Chosen]) -> list[Joint]:
