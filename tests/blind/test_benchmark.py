@@ -28,6 +28,8 @@ from run import run
         # An inertia most of which the tolerances of efficiency and mass say as well (55).
         "surface_resistance+aerodynamic_drag+rotational_inertia,seed=4307",
         "speed_scale,site=none,seed=4307",
+        # Positions alone, 1 Hz: slight accelerations of a cruise are none (66).
+        "grade,site=yard,logger=no_speed,seed=7115,vehicles=6,hours=2.0",
     ],
 )  # fmt: skip
 def test_concealed_effects_are_named(name: str, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import polars as pl
 import pytest
 from conceal import diagnosed
 from degrade import diagnosed_as
+
+from fleetlog.core.truck import load_truck
 
 pytestmark = pytest.mark.slow
 
@@ -83,7 +86,9 @@ def test_a_load_of_one_truck_since_is_told_where_few_folds_have_its_hours(shared
     told = diagnosed(shared_data / "traffic" / "none_dense", "load of one truck since")["findings"]
     (load,) = (f for f in told if f["term"] != "congestion")
     assert load["term"] == "auxiliary_load" and load["scope"]["vehicles"] == ["F01"]
-    assert load["scope"]["from"][10:16] == "T05:44" and load["scope"]["until"] is None
+    begin = datetime.fromisoformat(load["scope"]["from"])
+    assert abs(begin - datetime(2026, 3, 2, 5, 45, tzinfo=UTC)) < timedelta(seconds=30)
+    assert load["scope"]["until"] is None
     added = next(p for p in load["parameters"] if p["name"] == "added_power")
     assert added["low"] <= 600.0 <= added["high"]
 
@@ -157,3 +162,17 @@ def test_positions_and_speed_a_second_apart_are_put_right(column: str, shared_da
     for clock in said["findings"]:
         assert -1.1 < clock["parameters"][0]["value"] < -0.7
     assert all(c["after"] < 0.06 for c in said["channels"])
+
+
+@pytest.mark.parametrize(
+    ("folder", "heavy"), [("engine/clean", ["M1", "M3"]), ("blind/none", ["F01", "F03"])]
+)
+def test_trucks_that_are_heavier_than_the_others_are_told_together(
+    folder: str, heavy: list[str], shared_data: Path
+) -> None:
+    """What a truck weighs more its tolerances say nearly as well: each of them on its edge, and so of the next."""
+    (only,) = diagnosed(shared_data / folder, "mass of half the trucks")["findings"]
+    assert only["term"] == "mass" and only["scope"]["vehicles"] == heavy
+    (mass,) = only["parameters"]
+    nominal = load_truck(shared_data / folder / "truck.toml").chassis.mass
+    assert mass["low"] <= 1.2 * nominal <= mass["high"]

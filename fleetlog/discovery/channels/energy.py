@@ -30,9 +30,10 @@ SILENCE = 0.05  # Of a window, that the log may be silent beside it: half of tha
 LEAP = 0.005  # A rise of the charge from row to row that no braking gives
 PLUGGED = 60.0  # Nobody charges for less [s], and noise of the charge is little over so long a standstill
 RIPPLE = ErrorSource("ripple", 2.0)
-ERRORS = (ErrorSource("sampling", 0.5), RIPPLE, ErrorSource("lag", 0.15))
+ERRORS = (ErrorSource("sampling", 0.5), RIPPLE, ErrorSource("lag", 0.15), ErrorSource("doubt", 0.5))
 """What sampling hides: accelerations between rows (0: what is expected, 1: what is likeliest), power that
-swings within them (1: as far as from row to row), and a clock a little late [s]."""
+swings within them (1: as far as from row to row), a clock a little late [s], and slight accelerations that
+are none (1: not one is real), as a truck in cruise does not gather speed."""
 
 
 @dataclass

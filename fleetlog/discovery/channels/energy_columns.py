@@ -16,6 +16,7 @@ from fleetlog.discovery.channels.base import About
 from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
 from fleetlog.discovery.recording.blocks import Cut, by_window
+from fleetlog.physics.motion.reconstruction import SQUARE
 from fleetlog.physics.power import ByTerm, Physics, acting, all_terms, cell_power
 from fleetlog.physics.term import GRAVITY, Floats, Term, Values
 
@@ -225,6 +226,15 @@ class EnergyAbout(About):
     def _sampling(self) -> Floats:
         """(n,) W that the likeliest motion lacks of the expected power: braking at unseen accelerations."""
         return Evaluation(self.own.block.likeliest, self.e.physics, self.e.charge).power - self.e.power
+
+    @cached_property
+    def _doubt(self) -> Floats:
+        """(n,) W less that the battery gives if no acceleration is real that is smaller than its error."""
+        likeliest = self.own.block.likeliest.acceleration
+        moving = self.own.motion.speed > 0.0
+        square = np.mean((self.own.motion.acceleration - likeliest)[moving] ** 2) if moving.any() else 0.0
+        small = likeliest * np.exp(-0.5 * likeliest**2 / max(square / SQUARE, 1e-12))
+        return np.asarray(-self.e.mass * small * self.e.gain)
 
     @cached_property
     def _rounding(self) -> Floats:

@@ -11,6 +11,7 @@ from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.model import FLEET, Model, Scope
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import Screened, gained, pattern_hypotheses, screen
+from fleetlog.discovery.search.design import CERTAIN
 from fleetlog.discovery.search.finish import (
     Search,
     considered,
@@ -247,6 +248,7 @@ SEVERAL = 7  # Folds that speak for it, each a little, that are as good as a few
 OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve or junctions
 MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
 HALF = 0.5  # The same of a curve, of the one of two names that says more
+EDGE = 0.5 * CERTAIN**2  # What a number on the edge of its tolerance costs [nat]
 SECOND = 3  # Numbers that are tried beside a name
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
@@ -305,11 +307,11 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
 
 def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
     """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it; and each
-    of them of at most half of the trucks, where these stand on the same edge of what trucks differ by."""
+    of them of half of the trucks at most, where these stand on the same edge of what trucks differ by."""
     fitted = zip(now.design.atoms, now.fitted.beta, strict=True)
     edges = {a.knob: b >= a.high for a, b in fitted if a.owner is None and a.knob and not a.low < b < a.high}
     numbers = [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in problem.channel.adjustable()]
-    out, half = [h for h in numbers if h.knobs[0] in edges], len(problem.channel.fleet.vehicles) // 2
+    out, half = [h for h in numbers if h.knobs[0] in edges], (len(problem.channel.fleet.vehicles) + 1) // 2
     for knob, high in product(problem.channel.adjustable(), (False, True)):
         own = [k.scope.vehicles for k, on in edges.items() if k.fleet == knob and on == high]
         if 0 < len(who := tuple(sorted(chain(*own)))) <= half:
@@ -342,13 +344,14 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
 
     def order(j: Joint) -> tuple[int, float]:
         """Numbers before places before fields before free curves; last what is not equal to the best. What
-        the truck model has is wrong rather than something left out where both say the same (by one nat)."""
+        the truck model has is wrong rather than something left out where both say the same, beside what the
+        number of the truck file costs on the edge of its tolerance."""
         h = j.chosen[-1]
         behind = h.scope.whole and j.score - part > problem.settings.evidence
         last = behind or verified(j, ranked[0]) >= problem.channel.model_error
         of_numbers = bool(h.scope.vehicles) + h.scope.timed
         kind = of_numbers if h.knobs else 3 if h.patterns else 4 if h.field and h.term else 5
-        return 6 if last else kind, j.score - bool(h.knobs and h.physics and h.physics.nominal)
+        return 6 if last else kind, j.score - EDGE * bool(h.knobs and h.physics and h.physics.nominal)
 
     return sorted(ranked, key=order)
 
