@@ -307,12 +307,13 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
 
 def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
     """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it; and each
-    of them of half of the trucks at most, where these stand on the same edge of what trucks differ by."""
+    of them of half of the trucks at most, where these stand on the same edge of what trucks differ by; drivers
+    differ more, and no travel time tells them from trucks."""
     fitted = zip(now.design.atoms, now.fitted.beta, strict=True)
     edges = {a.knob: b >= a.high for a, b in fitted if a.owner is None and a.knob and not a.low < b < a.high}
     numbers = [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in problem.channel.adjustable()]
     out, half = [h for h in numbers if h.knobs[0] in edges], (len(problem.channel.fleet.vehicles) + 1) // 2
-    for knob, high in product(problem.channel.adjustable(), (False, True)):
+    for knob, high in product(problem.channel.adjustable() if problem.channel.bends else (), (False, True)):
         own = [k.scope.vehicles for k, on in edges.items() if k.fleet == knob and on == high]
         if 0 < len(who := tuple(sorted(chain(*own)))) <= half:
             out += [h.of(Scope(who)) for h in numbers]
