@@ -102,8 +102,16 @@ def _best(
     close = [s for s in screened if s.gain > best - problem.settings.evidence and s.hypothesis not in told]
     rivals = [_whole(s.hypothesis, now.chosen)[0] for s in close]
     beside = dict(_whole(s.hypothesis, s.beside or now.chosen) for s in (*near, *close))
-    beside |= {h: now.chosen for h in _on_edge(problem, now) if h not in beside}
+    # What a number of trucks on edges gains where it seemed to gain nothing is what the edges cost.
+    cost = now.fitted.penalty if problem.channel.bends else 0.0
+    apart = cost > NUMBERS * max((s.gain for s in worth), default=0.0)
+    beside |= {h: now.chosen for h in _on_edge(problem, now, apart) if h not in beside}
     tried = _exact(problem, sums, now, beside)
+    said = min(tried, key=lambda j: j.score).chosen[-1] if tried else None
+    if said and said.knobs and said.scope.vehicles and not said.scope.timed:
+        # What is said of some trucks may be any number of theirs.
+        theirs = [h for h in _numbers(problem, now, said.scope) if h not in beside]
+        tried += _exact(problem, sums, now, dict.fromkeys(theirs, now.chosen))
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
     tried = [_no_better_than(problem, sums, now, j, tried, slow) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
@@ -305,19 +313,26 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
     return size > 0.5 * problem.channel.model_error or s.hypothesis.term is not None or s.hypothesis.local
 
 
-def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
-    """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it; and each
-    of them of half of the trucks at most, where these stand on the same edge of what trucks differ by; drivers
+def _on_edge(problem: Problem, now: Joint, apart: bool = False) -> list[Hypothesis]:
+    """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it; and those
+    of trucks ``apart``, half of them at most, that stand on the same edge of what trucks differ by. Drivers
     differ more, and no travel time tells them from trucks."""
     fitted = zip(now.design.atoms, now.fitted.beta, strict=True)
     edges = {a.knob: b >= a.high for a, b in fitted if a.owner is None and a.knob and not a.low < b < a.high}
-    numbers = [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in problem.channel.adjustable()]
-    out, half = [h for h in numbers if h.knobs[0] in edges], (len(problem.channel.fleet.vehicles) + 1) // 2
-    for knob, high in product(problem.channel.adjustable() if problem.channel.bends else (), (False, True)):
-        own = [k.scope.vehicles for k, on in edges.items() if k.fleet == knob and on == high]
-        if 0 < len(who := tuple(sorted(chain(*own)))) <= half:
-            out += [h.of(Scope(who)) for h in numbers]
+    out, half = [], (len(problem.channel.fleet.vehicles) + 1) // 2
+    for h, high in product(_numbers(problem, now, FLEET), (False, True)):
+        on = [k.scope.vehicles for k, side in edges.items() if k.fleet == h.knobs[0] and side == high]
+        out += [h] if FLEET.vehicles in on else []
+        if apart and 0 < len(who := tuple(sorted(chain(*on)))) <= half:
+            out.append(h.of(Scope(who)))
     return out
+
+
+def _numbers(problem: Problem, now: Joint, scope: Scope) -> list[Hypothesis]:
+    """The numbers of the truck file, of some trucks or all, that are not in the model."""
+    file, taken = problem.channel.adjustable(), {k for h in now.chosen for k in h.knobs}
+    theirs = [h.of(scope) for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in file]
+    return [h for h in theirs if h.knobs[0] not in taken]
 
 
 def _exact(problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, Chosen]) -> list[Joint]:
