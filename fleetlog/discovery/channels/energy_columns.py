@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
+from scipy.ndimage import uniform_filter1d
 from scipy.special import ndtr
 
 from fleetlog.core.motion import Motion
@@ -231,9 +232,8 @@ class EnergyAbout(About):
     def _doubt(self) -> Floats:
         """(n,) W less that the battery gives if no acceleration is real that is smaller than its error."""
         likeliest = self.own.block.likeliest.acceleration
-        moving = self.own.motion.speed > 0.0
-        square = np.mean((self.own.motion.acceleration - likeliest)[moving] ** 2) if moving.any() else 0.0
-        small = likeliest * np.exp(-0.5 * likeliest**2 / max(square / SQUARE, 1e-12))
+        variance = uniform_filter1d((self.own.motion.acceleration - likeliest) ** 2, 8) / SQUARE
+        small = likeliest * np.exp(-0.5 * likeliest**2 / np.maximum(variance, 1e-12))
         return np.asarray(-self.e.mass * small * self.e.gain)
 
     @cached_property

@@ -24,6 +24,7 @@ from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.settings import Settings
 
 CLASSES = 12
+ENOUGH = 50  # Windows of a class: their median tells the variance to a quarter
 RIDGE = 0.02  # Ridge of the freest model, as a share of each column's own square: idle columns stay small
 HUBER = 4.0  # Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)
 MEDIAN = 2.198  # The mean square of a normal variable over the median of its square
@@ -202,9 +203,10 @@ def _classes(kept: list[Table], residual: list[Floats], levels: list[Floats], mo
     seconds = np.maximum(np.concatenate([u.windows.duration for u in units]), 1e-6)[use]
     power = np.concatenate(levels)[use] / seconds
     rate = np.concatenate(residual)[use] ** 2 / seconds
-    edges = np.quantile(power, np.linspace(0.0, 1.0, CLASSES + 1))
-    which = np.clip(np.searchsorted(edges, power) - 1, 0, CLASSES - 1)
-    known = [k for k in range(CLASSES) if (which == k).sum() >= FEWEST]
+    count = int(np.clip(len(power) // ENOUGH, 1, CLASSES))
+    edges = np.quantile(power, np.linspace(0.0, 1.0, count + 1))
+    which = np.clip(np.searchsorted(edges, power) - 1, 0, count - 1)
+    known = [k for k in range(count) if (which == k).sum() >= FEWEST]
     swing = np.concatenate([u.swing for u in units])[use]
     usual = np.array([np.median(swing[which == k]) for k in known])
     mean = np.array([power[which == k].mean() for k in known])
