@@ -97,8 +97,10 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
         draws = chance.multivariate_normal(none, v.covariance, DRAWS, method="eigh")
         largest = np.abs(v.deviation[mask] + draws @ v.basis[mask].T).max(axis=1)
         low, middle, high = np.quantile(largest, [0.025, 0.5, 0.975])
-        # The largest of many uncertain values is too large by what one more error of the same size adds.
-        value = max(2.0 * float(np.abs(v.deviation[mask]).max()) - float(middle), 0.0)
+        # The largest of many uncertain values is too large by what one more error of the same size adds;
+        # where that is more than it, nothing is known of the largest but the likeliest.
+        likeliest = float(np.abs(v.deviation[mask]).max())
+        value = less if (less := 2.0 * likeliest - float(middle)) > 0.0 else likeliest
         below, above = max(value + float(low - middle), 0.0), value + float(high - middle)
         return Parameter(term.extreme or first.name, value, below, above, first.unit)
     run = np.flatnonzero(mask)
