@@ -102,16 +102,19 @@ def _best(
     close = [s for s in screened if s.gain > best - problem.settings.evidence and s.hypothesis not in told]
     rivals = [_whole(s.hypothesis, now.chosen)[0] for s in close]
     beside = dict(_whole(s.hypothesis, s.beside or now.chosen) for s in (*near, *close))
+    taken = {k for h in now.chosen for k in h.knobs}
+
+    def more(several: list[Hypothesis]) -> dict[Hypothesis, Chosen]:
+        return {h: now.chosen for h in several if h not in beside and h.knobs[0] not in taken}
+
     # What a number of trucks on edges gains where it seemed to gain nothing is what the edges cost.
     cost = now.fitted.penalty if problem.channel.bends else 0.0
-    apart = cost > NUMBERS * max((s.gain for s in worth), default=0.0)
-    beside |= {h: now.chosen for h in _on_edge(problem, now, apart) if h not in beside}
+    beside |= more(_on_edge(problem, now, cost > NUMBERS * max((s.gain for s in worth), default=0.0)))
     tried = _exact(problem, sums, now, beside)
-    said = min(tried, key=lambda j: j.score).chosen[-1] if tried else None
-    if said and said.knobs and said.scope.vehicles and not said.scope.timed:
-        # What is said of some trucks may be any number of theirs.
-        theirs = [h for h in _numbers(problem, now, said.scope) if h not in beside]
-        tried += _exact(problem, sums, now, dict.fromkeys(theirs, now.chosen))
+    numbers = [j for j in tried if j.chosen[-1].knobs]
+    whose = min(numbers, key=lambda j: j.score).chosen[-1].scope if numbers else FLEET
+    if whose.vehicles and not whose.timed:  # What is said of some trucks may be any number of theirs
+        tried += _exact(problem, sums, now, more(_numbers(problem, whose)))
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
     tried = [_no_better_than(problem, sums, now, j, tried, slow) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
@@ -320,7 +323,7 @@ def _on_edge(problem: Problem, now: Joint, apart: bool = False) -> list[Hypothes
     fitted = zip(now.design.atoms, now.fitted.beta, strict=True)
     edges = {a.knob: b >= a.high for a, b in fitted if a.owner is None and a.knob and not a.low < b < a.high}
     out, half = [], (len(problem.channel.fleet.vehicles) + 1) // 2
-    for h, high in product(_numbers(problem, now, FLEET), (False, True)):
+    for h, high in product(_numbers(problem, FLEET), (False, True)):
         on = [k.scope.vehicles for k, side in edges.items() if k.fleet == h.knobs[0] and side == high]
         out += [h] if FLEET.vehicles in on else []
         if apart and 0 < len(who := tuple(sorted(chain(*on)))) <= half:
@@ -328,11 +331,10 @@ def _on_edge(problem: Problem, now: Joint, apart: bool = False) -> list[Hypothes
     return out
 
 
-def _numbers(problem: Problem, now: Joint, scope: Scope) -> list[Hypothesis]:
-    """The numbers of the truck file, of some trucks or all, that are not in the model."""
-    file, taken = problem.channel.adjustable(), {k for h in now.chosen for k in h.knobs}
-    theirs = [h.of(scope) for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in file]
-    return [h for h in theirs if h.knobs[0] not in taken]
+def _numbers(problem: Problem, scope: Scope) -> list[Hypothesis]:
+    """The numbers of the truck file, of some trucks or all."""
+    file = problem.channel.adjustable()
+    return [h.of(scope) for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in file]
 
 
 def _exact(problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, Chosen]) -> list[Joint]:
