@@ -232,6 +232,7 @@ class EnergyAbout(About):
     def _doubt(self) -> Floats:
         """(n,) W less that the battery gives if no acceleration is real that is smaller than its error."""
         likeliest = self.own.block.likeliest.acceleration
+        # Of the eight samples in turn that lie above and below it by its error
         variance = uniform_filter1d((self.own.motion.acceleration - likeliest) ** 2, 8) / SQUARE
         small = likeliest * np.exp(-0.5 * likeliest**2 / np.maximum(variance, 1e-12))
         return np.asarray(-self.e.mass * small * self.e.gain)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain, product
+from itertools import chain
 
 import numpy as np
 
@@ -107,12 +107,12 @@ def _best(
     def more(several: list[Hypothesis]) -> dict[Hypothesis, Chosen]:
         return {h: now.chosen for h in several if h not in beside and h.knobs[0] not in taken}
 
-    # What a number of trucks on edges gains where it seemed to gain nothing is what the edges cost.
-    cost = now.fitted.penalty if problem.channel.bends else 0.0
-    beside |= more(_on_edge(problem, now, cost > NUMBERS * max((s.gain for s in worth), default=0.0)))
+    # A number of trucks on edges gains what the edges cost, if no more. Of travel times drivers differ more.
+    apart = problem.channel.bends and (not worth or now.fitted.penalty > NUMBERS * best)
+    beside |= more(_on_edge(problem, now, apart))
     tried = _exact(problem, sums, now, beside)
-    numbers = [j for j in tried if j.chosen[-1].knobs]
-    whose = min(numbers, key=lambda j: j.score).chosen[-1].scope if numbers else FLEET
+    said = [j for j in tried if j.chosen[-1].knobs]
+    whose = min(said, key=lambda j: j.score).chosen[-1].scope if said else FLEET
     if whose.vehicles and not whose.timed:  # What is said of some trucks may be any number of theirs
         tried += _exact(problem, sums, now, more(_numbers(problem, whose)))
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
@@ -318,16 +318,15 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
 
 def _on_edge(problem: Problem, now: Joint, apart: bool = False) -> list[Hypothesis]:
     """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it; and those
-    of trucks ``apart``, half of them at most, that stand on the same edge of what trucks differ by. Drivers
-    differ more, and no travel time tells them from trucks."""
+    of trucks ``apart``, half of them at most, that stand on the same edge of what trucks differ by."""
     fitted = zip(now.design.atoms, now.fitted.beta, strict=True)
     edges = {a.knob: b >= a.high for a, b in fitted if a.owner is None and a.knob and not a.low < b < a.high}
     out, half = [], (len(problem.channel.fleet.vehicles) + 1) // 2
-    for h, high in product(_numbers(problem, FLEET), (False, True)):
-        on = [k.scope.vehicles for k, side in edges.items() if k.fleet == h.knobs[0] and side == high]
-        out += [h] if FLEET.vehicles in on else []
-        if apart and 0 < len(who := tuple(sorted(chain(*on)))) <= half:
-            out.append(h.of(Scope(who)))
+    for h in _numbers(problem, FLEET):
+        out += [h] if h.knobs[0] in edges else []
+        own = [(on, k.scope.vehicles) for k, on in edges.items() if k.fleet == h.knobs[0]]
+        sides = (tuple(sorted(chain(*(v for on, v in own if on == high)))) for high in (False, True))
+        out += [h.of(Scope(who)) for who in sides if apart and 0 < len(who) <= half]
     return out
 
 
