@@ -17,6 +17,7 @@ from fleetlog.errors import DataError
 Modes = NDArray[np.int8]
 PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3  # What a truck that stands in a bay waits for; 0: nothing
 PLAN = 0.9  # Share of its braking that a truck plans with
+HAIR = 0.2  # A truck goes on for at most so long before it brakes: half of the longest step, and rounding [s]
 STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
 NOT_ZERO: dict[str, float] = {
     "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,

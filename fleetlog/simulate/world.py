@@ -19,7 +19,7 @@ from fleetlog.simulate import junctions as between
 from fleetlog.simulate.bays import BayMaker, lay_out, offsets
 from fleetlog.simulate.doors import Bay, Door, Stand, all_doors, span
 from fleetlog.simulate.junctions import Junctions, find_junctions, half_box
-from fleetlog.simulate.state import PLAN, Roads, Trucks
+from fleetlog.simulate.state import HAIR, PLAN, Roads, Trucks
 from fleetlog.simulate.track import SPACING, Track, assemble, build_track
 from fleetlog.simulate.ways import Ways, with_loops
 
@@ -159,7 +159,7 @@ def run_in(cap: Floats, track: Track, physics: list[Physics]) -> Floats:
     """(E,) metres in which any truck that comes onto a lane can stop."""
     enter = cap[:, track.first[: len(track.network)]].reshape(len(physics), 2, -1).min(axis=1)
     brake = PLAN * np.array([p.actual_truck.drive.max_deceleration for p in physics])[:, None]
-    return np.asarray((enter * enter / (2.0 * brake) + 0.6 * enter).max(axis=0))
+    return np.asarray((enter * enter / (2.0 * brake) + HAIR * enter).max(axis=0))
 
 
 def _roads(

@@ -13,7 +13,7 @@ from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.kernels import gates, lanes
 from fleetlog.simulate.kernels.gates import ask
 from fleetlog.simulate.kernels.traffic import advance
-from fleetlog.simulate.state import Mode, Trucks, limits_of, new_fleet, new_log
+from fleetlog.simulate.state import HAIR, Mode, Trucks, limits_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.simulate.world import build_world
 
@@ -289,10 +289,10 @@ def test_who_comes_out_before_a_junction_is_ahead_of_who_came_near_it_in_the_sam
     roads, limits = world.roads, limits_of([TRUCK], np.zeros(2, int), TRUCK.chassis.length, GAP)
     fleet = new_fleet(2, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
     # As close behind as it may be for 0 to come out at all.
-    speed, out = 3.0, world.ways.between(there, far)
+    speed, out = 5.0, world.ways.between(there, far)
     door = out.out
     at = roads.door_at[door] - TRUCK.chassis.length - GAP
-    at -= speed**2 / (2.0 * limits.plan[1]) + 0.6 * speed + 0.01
+    at -= speed**2 / (2.0 * limits.plan[1]) + HAIR * speed + 0.01
     for v, way in enumerate((out, world.ways.onward(lane, at, far))):
         fleet.route[v, : len(way.pieces)], fleet.last[v] = way.pieces, len(way.pieces) - 1
         fleet.goal[v] = way.door

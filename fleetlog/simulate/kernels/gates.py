@@ -4,8 +4,9 @@ import numpy as np
 
 from fleetlog.compiling import inner
 from fleetlog.simulate.kernels.lanes import acquire, fills_ring, insert, is_free, is_safe_lane, wait_ahead
-from fleetlog.simulate.state import STANDS, Fleet, Limits, Mode, Roads
+from fleetlog.simulate.state import HAIR, STANDS, Fleet, Limits, Mode, Roads
 
+SOON = 0.5  # So long before it has to brake a truck asks for its way: any earlier keeps others waiting [s]
 SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]
 
 
@@ -79,7 +80,7 @@ def is_clear(r: Roads, f: Fleet, lane: int, low: float, high: float, turning: bo
         return False
     while u >= 0:
         if f.s[u] <= high:
-            need, more = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + 0.6 * f.v[u], 0.0
+            need, more = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + HAIR * f.v[u], 0.0
             if turning and (f.mode[u] == Mode.LEAVING or f.mode[u] == Mode.ENTERING):
                 more = max(r.door_ahead[f.door[u]] - 0.5 * x.length, 0.0)
             if f.s[u] + more + need > low or f.held_to[u] > f.at[u]:
@@ -172,7 +173,7 @@ def comes_near(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> bool:
     before it has stood where it has to."""
     if now < f.until[v]:
         return False
-    look = f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v]
+    look = f.v[v] * f.v[v] / (2.0 * x.plan[v]) + SOON * f.v[v]
     p, a = f.piece[v], f.ahead[v]
     if f.at[v] == f.last[v]:
         return not f.entry[v] and r.door_at[f.door[v]] - f.s[v] < look + 1.0

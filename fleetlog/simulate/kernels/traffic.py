@@ -9,7 +9,6 @@ from fleetlog.simulate.kernels.lanes import cross, end_spur, is_safe_lane, let_g
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
 GRAVITY = 9.81
-ROUND = 5  # Steps between two rounds of reservations
 
 
 @inner
@@ -153,8 +152,7 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
     trucks = len(f.mode)
     for k in range(steps):
         now = (step0 + k) * dt
-        if (step0 + k) % ROUND == 0:
-            reservations(r, f, x, now)
+        reservations(r, f, x, now)
         for v in range(trucks):
             m = f.mode[v]
             stays = m == Mode.PARKED or m == Mode.CHARGING or m == Mode.WANTS_OUT or m == Mode.AT_BAY
