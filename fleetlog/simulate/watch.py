@@ -28,7 +28,8 @@ class Watch:
     def still(self, now: float) -> Floats:
         """(V,) seconds for which trucks have wanted to move and have not, 0 where they do not want to."""
         f = self.fleet
-        busy = np.isin(f.mode, (Mode.WANTS_OUT, Mode.LEAVING, Mode.DRIVING, Mode.AT_BAY, Mode.ENTERING))
+        # Who goes into a bay or out of it has all that it needs.
+        busy = np.isin(f.mode, (Mode.WANTS_OUT, Mode.DRIVING, Mode.AT_BAY))
         self._since[(f.moved > self._moved + 0.05) | ~busy | (now < f.until)] = now
         self._moved[:] = f.moved
         out = now - self._since
