@@ -109,6 +109,12 @@ def like(
     notes = [f"{len(table)} places found from {len(stands)} recorded stops ({kinds})"]
     if turns:
         notes.append(f"trucks turn round at the end of {count(len(turns), 'lane')}, as recorded")
+    told = sum(bool(np.isfinite(dataset.read(v).floats("payload")).any()) for v in dataset.vehicles)
+    if 0 < told < len(dataset.vehicles):
+        what = "they carry none here" if same else "they are taken to carry as much as the others"
+        notes.append(
+            f"{len(dataset.vehicles) - told} of {len(dataset.vehicles)} trucks tell no loads: {what}"
+        )
     chargers = [p.id for p in site.places if p.kind == "charge"]
     visits = visits_of(stands, cluster, names, chargers, driven_edges(dataset, stands))
     if same and any(v.next >= 0 for v in visits):
@@ -119,7 +125,7 @@ def like(
         notes.append("the recording shows no load carried between two places: tasks are random")
         return site, Demand(), notes
     day = float(start % 86_400_000_000) * 1e-6
-    share = vehicles / max(len(dataset.vehicles), 1)
+    share = vehicles / max(told, 1)
     at, last = (t * 1e-6 for t in dataset.span or (0, 0))
     hour = np.arange(at // 3600.0, -(-last // 3600.0) + 1.0)
     lasted = np.diff(np.clip(3600.0 * hour, at, last)) / 3600.0

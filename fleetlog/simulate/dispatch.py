@@ -70,7 +70,7 @@ class Dispatcher(Occupancy):
         while self.pending and self.pending[0].earliest <= now:
             self._due.append(self.pending.popleft())
             self.book.give(self._due[-1])
-        self._charging(now, bool(self._due))
+        self._charging(now, (bool(self._due) or self.demand.endless) and not self.resting)
         self._wanted, self._wanted_now, self._blocked = self._wanted_now, [], []
         # Who has waited longest chooses first, so that nobody waits for ever for a place.
         parked: list[int] = np.flatnonzero(f.mode == Mode.PARKED).tolist()
@@ -206,7 +206,8 @@ class Dispatcher(Occupancy):
 
     def _rest(self, v: int, now: float) -> None:
         """Nothing to do: charge if that is worth while, else clear a working place that is not one's own."""
-        if self.soc[v] < self.policy.chance and self._wants_charge(v):
+        has_time = self.resting or not self.demand.endless  # Between endless tasks there are seconds
+        if has_time and self.soc[v] < self.policy.chance and self._wants_charge(v):
             return
         stays = self.demand.endless or self.kind[self.home[v]] == "park"
         if not stays and now - self.jobs[v].since > ASIDE:
@@ -262,6 +263,12 @@ class Dispatcher(Occupancy):
             self._blocked.append(blocked)
             self.lacks[v], self.wants[v] = PICK_PLACE, self.bays_of[blocked.source]
         return None if best is None else best[1]
+
+    def unserved(self) -> Task | None:
+        """The first due task that no truck with nothing to do may and can do, if there is one."""
+        trucks = range(len(self.names) if self._due and not self.resting else 0)
+        spare = [v for v in trucks if self._idles(v) and not self.lacks[v]]
+        return next((t for t in self._due[:DUE] if not any(self._can(v, t) for v in spare)), None)
 
     def _can(self, v: int, task: Task) -> bool:
         """Whether a truck may do a task, and can carry the load."""

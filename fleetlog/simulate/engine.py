@@ -19,7 +19,7 @@ from fleetlog.simulate.limits import Summary, Tally
 from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.record import Meter, Recorder, locate
 from fleetlog.simulate.state import STANDS, Log, Mode, Trucks, limits_of, new_fleet, new_log
-from fleetlog.simulate.tasks import Demand, check_vehicles
+from fleetlog.simulate.tasks import Demand, check_doable
 from fleetlog.simulate.world import Crossings, World, build_world, vehicle_names
 from fleetlog.store.writer import DatasetWriter
 
@@ -68,7 +68,8 @@ def simulate(
     trucks = Trucks.given(truck, settings.vehicles)
     begins = settings.start * 1e-6
     world = build_world(site, trucks, settings.vehicles, physics, mined, settings.room, demand.stands, begins)
-    check_vehicles(demand.given, vehicle_names(settings.vehicles))
+    loads = [trucks[v].chassis.rated_load for v in range(settings.vehicles)]
+    check_doable(demand.given, dict(zip(vehicle_names(settings.vehicles), loads, strict=True)))
     writer.site = world.site
     demand, notes = reachable(demand, world)
     world.notes.extend(notes)
@@ -176,6 +177,7 @@ class Run:
         notes = list(self.world.notes)
         dropped = d.book.numbers("dropped")
         d.count.tasks_given, d.count.tasks_done = len(dropped), int((dropped >= 0.0).sum())
+        d.count.tasks_later = len(d.pending)
         if not (d.kind == "charge").any():
             notes.append("the site has no charger: nobody charges")
         rows = total // self.recorder.every * len(self.names)

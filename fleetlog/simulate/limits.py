@@ -1,17 +1,20 @@
 """What a simulation came to, and what limits the fleet: how busy its trucks, places and junctions are."""
 
 import json
+from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
+from fleetlog.core.words import count as number
+from fleetlog.core.words import percent
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.state import CHARGER, DROP_PLACE, PICK_PLACE, STANDS, Mode
 from fleetlog.simulate.watch import Count
 
 MATERIAL = 0.1  # What a fleet waits for during more than this share of its time limits it
-BUSY = 0.85  # Trucks limit a fleet that has work for more than this share of its time
+SHORT = 0.5  # Trucks limit a fleet where tasks wait for want of one for more than this share of the time
 PLACES = {
     "pick places": ("pick", PICK_PLACE), "drop places": ("drop", DROP_PLACE), "chargers": ("charge", CHARGER),
 }  # fmt: skip
@@ -24,7 +27,7 @@ class Resource:
 
     kind: str  # trucks, pick places, drop places, chargers or junctions
     count: int  # Trucks, bays, plugs, or junctions
-    name: str | None  # The place or node that is waited for most; None where nobody waits
+    name: str | None  # The place, node or truck that is waited for most; None where it is none or any
     utilisation: float  # Share of the time for which the named one is taken, or all where none is named
     queue: float  # Trucks (for trucks: tasks) that wait on average because of it
 
@@ -45,8 +48,15 @@ class Limits:
         tasks = f"tasks wait {wait['mean']:.0f} s for a truck on average, {wait['longest']:.0f} s at most"
         if b is None:
             return [f"bottleneck: none, the fleet does what is asked of it; {tasks}"]
-        what = f"the {b.count} trucks" if b.kind == "trucks" else f"{b.kind} ({b.count}), above all {b.name}"
-        parts = [f"bottleneck: {what}, busy for {100 * b.utilisation:.0f} % of the time"]
+        what = f"{b.kind} ({b.count}), above all {b.name}"
+        if b.kind == "trucks":
+            several = f"the {b.count} trucks" if b.count > 1 else "the only truck"
+            what = f"truck {b.name}" if b.name else several
+        # Who waits behind others on a road waits at a junction that may be empty.
+        what = f"traffic, above all before {b.name}" if b.kind == "junctions" else what
+        parts = [f"bottleneck: {what}"]
+        if b.kind != "junctions":
+            parts[0] += f", busy for {percent(b.utilisation)} of the time"
         if b.queue > 0.0:
             parts.append(f"{b.queue:.1f} {'tasks' if b.kind == 'trucks' else 'trucks'} wait on average")
         return ["; ".join([*parts, tasks] if wait["longest"] else parts)]
@@ -58,14 +68,15 @@ class Tally:
     def __init__(self, dispatcher: Dispatcher) -> None:
         self.dispatcher = d = dispatcher
         track, network = d.world.track, d.world.track.network
-        lane_of = np.where(track.source >= 0, track.source, np.arange(len(track)))
-        self.node = network.end[lane_of]  # (P,) the junction that each piece leads to or crosses
+        self.lane = np.where(track.source >= 0, track.source, np.arange(len(track)))
+        self.node = network.end[self.lane]  # (P,) the junction that each piece leads to or crosses
         self.names = network.node_ids
-        self.seconds, self.idle = 0, 0
+        self.seconds, self.working, self.idle = 0, 0, np.zeros(len(d.names))
+        self.short = Counter[str | None]()  # Seconds for which a task waited for a truck: which, None: any
         self.lacking, self.caused = np.zeros(4), np.zeros(4)
         self.held = np.zeros(len(d.owner))
         self.wanted = np.zeros(len(d.places))
-        self.before, self.crossed = np.zeros(len(self.names)), np.zeros(len(self.names))
+        self.before, self.crossed = np.zeros(len(network)), np.zeros(len(self.names))
 
     def tick(self) -> None:
         """After the decisions of a second."""
@@ -73,7 +84,11 @@ class Tally:
         self.seconds += 1
         self.held += d.owner >= 0
         self.lacking += np.bincount(d.lacks, minlength=4)
-        self.idle += int(((f.mode == Mode.PARKED) & (d.lacks == 0) & (d.book.of < 0)).sum())
+        if not d.resting:
+            self.working += 1
+            self.idle += (f.mode == Mode.PARKED) & (d.lacks == 0) & (d.book.of < 0)
+        if (task := d.unserved()) is not None:
+            self.short[task.vehicle] += 1
         for v, bays in d.wants.items():
             places = np.unique(d.place_of[bays])
             self.wanted[places] += 1.0 / len(places)
@@ -87,7 +102,7 @@ class Tally:
         # Who waits for room on a lane waits for the junction at its end.
         full = f.why[stands] == 2
         ahead = [d.watch.next_lane(v) for v in stands[full].tolist()]
-        np.add.at(self.before, self.node[[*f.piece[stands[~full]].tolist(), *ahead]], 1.0)
+        np.add.at(self.before, self.lane[[*f.piece[stands[~full]].tolist(), *ahead]], 1.0)
 
     def limits(self, traffic: float) -> Limits:
         """What the run came to; ``traffic`` truck seconds of waiting on the road and before bays."""
@@ -96,14 +111,24 @@ class Tally:
         earliest, assigned = d.book.numbers("earliest"), d.book.numbers("assigned")
         tasks = np.where(assigned < 0.0, float(self.seconds), assigned) - earliest
         found = [self._places(name, *of) for name, of in PLACES.items() if of[0] in d.kind]
-        busy = 1.0 - self.idle / (len(d.names) * self.seconds)
-        trucks = Resource("trucks", len(d.names), None, busy, float(tasks.sum()) / self.seconds)
-        most, count = int(np.argmax(self.before)), int((self.crossed > 0.0).sum())
-        name = self.names[most] if self.before[most] > 0.0 else None
+        who, _ = max(self.short.items(), key=lambda item: item[1], default=(None, 0))
+        idle = self.idle if who is None else self.idle[d.names.index(who)]
+        busy = 1.0 - float(np.mean(idle)) / max(self.working, 1)
+        trucks = Resource("trucks", len(d.names), who, busy, float(tasks.sum()) / self.seconds)
+        network, count = d.world.track.network, int((self.crossed > 0.0).sum())
+        before = np.bincount(network.end, self.before, len(self.names))
+        most, road = (
+            int(np.argmax(before)),
+            int(np.argmax(self.before * (before[network.end] == before.max()))),
+        )
+        name = self.names[most] if before[most] else None
+        if name and name.startswith("@"):  # The map has no name for it
+            name = f"the end of {network.edge_ids[road]}"
         taken = min(float(self.crossed[most]) / self.seconds, 1.0)
         found += [Resource("junctions", count, name, taken, traffic / self.seconds), trucks]
         worst = max(found[:-1], key=lambda r: r.queue)
-        bottleneck = worst if worst.queue > MATERIAL * trucks.count else trucks if busy > BUSY else None
+        scarce = d.demand.endless or self.short.total() > SHORT * self.seconds
+        bottleneck = worst if worst.queue > MATERIAL * trucks.count else trucks if scarce else None
         some = tasks if len(tasks) else np.zeros(1)
         waits = (some.mean(), np.quantile(some, 0.95), some.max())
         summary = dict(zip(("mean", "p95", "longest"), map(float, waits), strict=True))
@@ -160,17 +185,19 @@ class Summary:
 
     def lines(self) -> list[str]:
         """For the terminal."""
-        c, hours = self.count, {k: s / 3600.0 for k, s in self.limits.waiting_s.items()}
+        c, hours = self.count, {k: round(s / 3600.0, 2) for k, s in self.limits.waiting_s.items()}
+        later = f", {c.tasks_later} due after the end" if c.tasks_later else ""
         kinds = ", ".join(f"{kind} {h:.2f}" for kind, h in hours.items())
         out = [
-            f"{self.vehicles} trucks, {self.duration_s / 3600.0:.2f} h, {self.rows} rows,"
+            f"{number(self.vehicles, 'truck')}, {self.duration_s / 3600.0:.2f} h, {number(self.rows, 'row')},"
             f" {self.distance_m / 1000.0:.1f} km",
-            f"tasks: {c.tasks_done} done of {c.tasks_given}, {self.unfinished} not finished at the end",
-            f"energy: {self.energy_wh / 1000.0:.2f} kWh used,"
-            f" {self.charged_wh / 1000.0:.2f} kWh charged in {c.charges} visits",
+            f"tasks: {c.tasks_done} done of {c.tasks_given}, {self.unfinished} not finished{later}",
+            f"energy: {self.energy_wh / 1000.0:.2f} kWh used, {self.charged_wh / 1000.0:.2f} kWh charged in "
+            + number(c.charges, "visit"),
             f"waiting: {sum(hours.values()):.2f} truck hours ({kinds})",
             f"traffic: {self.longest_wait_s:.0f} s of waiting at most,"
-            f" {c.deadlocks} deadlocks ({c.deadlocks_released} released), {c.detours} detours",
+            f" {number(c.deadlocks, 'deadlock')} ({c.deadlocks_released} released),"
+            f" {number(c.detours, 'detour')}",
             *self.limits.lines(),
         ]
         if self.one_more:

@@ -15,6 +15,8 @@ from fleetlog.simulate.tasks import Task
 from fleetlog.simulate.watch import Untangler
 from fleetlog.simulate.world import World
 
+GIVES_WAY = 0.8  # From here on a charger gives less and less: a truck leaves it to one that has to charge
+
 
 @dataclass(frozen=True)
 class Policy:
@@ -163,18 +165,20 @@ class Occupancy(Untangler):
         return suits
 
     def _charging(self, now: float, tasks_wait: bool) -> None:
-        """Who has enough leaves its charger, who is first in the queue takes it."""
-        f = self.fleet
+        """Who has enough leaves its charger; of the queue who has to charge takes it first."""
+        f, queue = self.fleet, sorted(self.queue, key=lambda u: bool(self.soc[u] >= self.policy.low))
+        enough = self.policy.enough if tasks_wait else self.policy.full
+        if queue and self.soc[queue[0]] < self.policy.low:
+            enough = min(enough, GIVES_WAY)
         for v in np.flatnonzero(f.mode == Mode.CHARGING).tolist():
             if now - self.jobs[v].since >= self.swap[self.home[v]]:
                 self.swapped_wh += (1.0 - self.soc[v]) * self.world.trucks[v].battery.capacity_wh
                 self.soc[v] = 1.0
-            busy = tasks_wait and self.soc[v] >= max(self.policy.enough, self.policy.low)
-            if self.soc[v] >= self.policy.full or busy:
+            if self.soc[v] >= max(enough, self.policy.low):
                 f.mode[v] = Mode.PARKED
                 self.jobs[v].stage, self.jobs[v].since = "idle", now
         free = [b for b in self.chargers if self.owner[b] < 0]
-        for v in self.queue.copy() if free else ():
+        for v in queue if free else ():
             waits = self._idles(v) and self.soc[v] > 0.0
             suits = [b for b in free if self._suits(v, b)]
             if not waits or suits:

@@ -127,15 +127,15 @@ def _check_header(names: list[str]) -> None:
 def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generator) -> Task:
     if None in row:
         raise InputError("has more fields than the header")
-    known, most = [p.id for p in site.places], truck.chassis.rated_load
+    known = [p.id for p in site.places]
     for name in (row["from"], row["to"]):
         if name not in known:
             do = nearest(name, known) if known else "add it to the site"
             raise InputError(f"no place {name!r} on this site", do=do)
-    payload, earliest = _number(row, "payload", 0.5 * most), _number(row, "earliest", 0.0)
-    if payload > most:
-        what = f"{payload:g} kg is more than the truck's rated load of {most:g} kg"
-        raise InputError(what, do="split the load or take a stronger truck")
+    if row["from"] == row["to"]:
+        raise InputError(f"from and to are both {row['to']!r}", do="name two places")
+    payload = _number(row, "payload", 0.5 * truck.chassis.rated_load)
+    earliest = _number(row, "earliest", 0.0)
     given = (row.get("vehicle") or "").strip()
     vehicle = given if given not in ("", "any") else None
     return Task(vehicle, row["from"], row["to"], payload, earliest, *random_visits(rng))
@@ -148,12 +148,19 @@ def _number(row: dict[str, str], name: str, default: float) -> float:
         raise InputError(f"{name} {error}") from None
 
 
-def check_vehicles(tasks: Sequence[Task], names: Sequence[str]) -> None:
-    """Raise where a task is for a truck that is not simulated."""
+def check_doable(tasks: Sequence[Task], loads: Mapping[str, float]) -> None:
+    """Raise where a task is for a truck that is not simulated, or too heavy for all that may do it; ``loads``
+    are what the trucks carry [kg]."""
     for task in tasks:
-        if task.vehicle is not None and task.vehicle not in names:
+        if task.vehicle is not None and task.vehicle not in loads:
             what = f"a task is for vehicle {task.vehicle!r}, which is not simulated"
-            raise InputError(what, do=nearest(task.vehicle, names))
+            raise InputError(what, do=nearest(task.vehicle, loads))
+        most = max(loads.values()) if task.vehicle is None else loads[task.vehicle]
+        if task.payload > most:
+            what = (
+                f"a load of {task.payload:g} kg is more than the {most:g} kg that {task.vehicle or 'a truck'}"
+            )
+            raise InputError(f"{what} carries", do="split the load or take a stronger truck")
 
 
 class TaskBook:

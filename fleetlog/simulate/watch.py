@@ -134,6 +134,7 @@ class Count:
 
     tasks_given: int = 0
     tasks_done: int = 0
+    tasks_later: int = 0  # Given, but for a time after the end
     deadlocks: int = 0
     deadlocks_released: int = 0
     detours: int = 0

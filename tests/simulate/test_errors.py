@@ -49,7 +49,7 @@ def test_more_trucks_than_the_site_can_hold(simulated):
 @pytest.mark.parametrize(
     "row, told",
     [
-        (",pick1,drop1,9000,0", "rated load"),
+        (",pick1,pick1,900,0", "both 'pick1'"),
         (",pick1,nowhere,100,0", "no place 'nowhere'"),
         (",pick1,drop1,heavy,0", "not a number"),
         (",pick1,drop1,-5,0", "not at least 0"),

@@ -6,6 +6,7 @@ import pytest
 from simulated_sites import TRUCK, grid, place
 
 from fleetlog.core.truck import truck_from_dict
+from fleetlog.errors import InputError
 from fleetlog.simulate.engine import Settings
 from fleetlog.simulate.scenario import Scenario, one_more
 from fleetlog.simulate.tasks import Demand, Task
@@ -97,3 +98,51 @@ def test_a_single_task_keeps_no_more_than_one_truck_waiting():
     wanted = Task(None, "pick0", "drop1", 500.0, 60.0, (20.0, 20.0), (0.3, 0.3))
     summary = scenario(places, 6, Demand([held, wanted], endless=False), hours=0.5).run()
     assert 1000.0 < summary.limits.waiting_s["pick places"] < 1800.0
+
+
+@pytest.mark.parametrize("tasks", [[("T1", 500.0, 0.0)] * 30, [(None, 1500.0, 0.0)] * 60])
+def test_tasks_that_only_a_part_of_the_fleet_can_do_are_short_of_trucks(tasks):
+    """All for one truck, or heavy ones for the only strong one: the others stand, and the fleet is no match."""
+    weak = replace(TRUCK, chassis=replace(TRUCK.chassis, rated_load=1000.0))
+    given = [Task(who, "pick0", "drop0", load + k, at) for k, (who, load, at) in enumerate(tasks)]
+    case = scenario(PLACES, 4, Demand(given, endless=False), (TRUCK, weak, weak, weak))
+    found = case.run().limits.bottleneck
+    assert (found.kind, found.name) == ("trucks", tasks[0][0])
+
+
+def test_breaks_do_not_hide_that_trucks_are_short():
+    case = scenario(PLACES, 2, steady(3600, 30))
+    breaks = [(6.0 * 3600.0, 6.0 * 3600.0 + 900.0)]
+    rested = replace(case, site=replace(case.site, breaks=tuple(breaks))).run()
+    assert rested.limits.bottleneck.kind == "trucks"
+    assert rested.limits.bottleneck.utilisation > 0.95
+
+
+def test_what_one_more_brings_is_told_of_what_holds_others_up():
+    """Many pick places fill up because there is one place to drop: more of them bring nothing."""
+    case = scenario([PLACES[0], PLACES[1], PLACES[3]], 10)
+    summary = case.run()
+    more = one_more(case, summary)
+    assert "drop place at drop0" in more["statement"]
+    assert more["tasks_done"] > 1.02 * summary.count.tasks_done
+
+
+def test_endless_tasks_leave_no_time_to_charge_before_it_is_needed():
+    """More plugs never cost tasks: between two tasks a truck has seconds, and goes on."""
+    done = [scenario(charging(n), 8, truck=SMALL, soc=0.6, hours=2.0).run().count for n in (1, 4)]
+    assert done[1].tasks_done > 0.98 * done[0].tasks_done
+
+
+def test_who_has_to_charge_takes_the_place_of_who_has_enough():
+    """One plug for two trucks that are both nearly empty: neither keeps it beyond what is worth while."""
+    case = scenario(charging(1), 2, steady(6 * 3600, 120), SMALL, hours=6.0, soc=0.31)
+    summary = case.run()
+    assert summary.count.charges >= 4
+    assert not summary.count.empty
+
+
+def test_a_load_that_no_truck_can_carry_is_an_error():
+    heavy = Demand([Task("T2", "pick0", "drop0", 1500.0, 0.0)], endless=False)
+    weak = replace(TRUCK, chassis=replace(TRUCK.chassis, rated_load=1000.0))
+    with pytest.raises(InputError, match="more than the 1000 kg that T2 carries"):
+        scenario(PLACES, 2, heavy, (TRUCK, weak)).run()
