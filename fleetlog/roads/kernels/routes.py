@@ -107,15 +107,13 @@ def route_posterior(choice: Choice, near: Candidates, routes: Routes) -> Floats:
         apart = (routes.firsts[routes.of] > other) | (routes.firsts[routes.of + 1] <= other)
         on |= near.edge == np.repeat(np.where(apart, -1, edge[other]), size)
     group = np.repeat(np.arange(len(size)), size)[on]
-    chance = choice.posterior[np.flatnonzero(on) + group]
-    return np.minimum(np.bincount(group, chance, len(size)), 1.0)
+    return np.minimum(np.bincount(group, choice.posterior[np.flatnonzero(on) + group], len(size)), 1.0)
 
 
 @kernel()
 def astar(graph: Graph, source: int, target: int, most: float) -> tuple[Index, Floats]:
-    """Cheapest chain of edges from ``source`` to ``target``; and the cost at each.  Empty if there is none,
-    or none whose cost up to the target is below ``most``.  Among equal costs the predecessor with the lower
-    number wins.
+    """Cheapest chain of edges from ``source`` to ``target``, and the cost at each.  Empty if none has a cost
+    below ``most`` up to the target.  Among equal costs the predecessor with the lower number wins.
 
     The ``graph`` has ``next_first`` and ``next_edges``, the cost of driving all of an edge, that of the turn
     next_edges[k], closed edges, starts (E, 3), and cost per metre: times the straight line never more than
