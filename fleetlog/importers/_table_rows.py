@@ -23,9 +23,8 @@ _MUST = (*GEOGRAPHIC, *LOCAL)
 
 
 class TableRows:
-    """The rows of one file's tables, in their order; columns are figures or text. ``vehicle`` is that of
-    every row where no column says it, ``decimal`` the decimal point of figures written as text, ``angles``
-    the columns that may hold degrees and minutes."""
+    """The rows of one file's tables, in order; columns are figures or text. ``vehicle`` is that of every row
+    where no column says it, ``decimal`` the point of figures in text, ``angles`` what may hold minutes."""
 
     def __init__(self, fields: Fields, vehicle: str, angles: set[str], decimal: str = ".") -> None:
         self.fields, self.vehicle, self.angles, self.decimal = fields, vehicle, angles, decimal

@@ -1,8 +1,7 @@
 """GeoJSON (RFC 7946): points with a time, or lines with a time for every vertex.
 
-The times of a line stand in its property ``coordTimes`` or ``times`` (or below ``coordinateProperties``), one
-a vertex, as converters of GPX and the tools of Mapbox write them.  Points are read by the names of their
-properties, as a CSV's columns are."""
+The times of a line stand in ``coordTimes`` or ``times`` (or below ``coordinateProperties``), one a vertex, as
+converters of GPX and Mapbox write them.  Points are read by their properties' names, as a CSV's columns."""
 
 import codecs
 import json
@@ -36,9 +35,8 @@ def sniff(path: Path, head: bytes) -> bool:
 
 
 def features(stream: BufferedReader, report: ReadReport) -> Iterator[dict[str, Any]]:
-    """Every object of a collection's ``features``, or every one at the top (a single one, or one a line). The
-    text is read on, twice as much each time, until an object is whole. Where it is cut off or broken the
-    features end, and ``report`` hears of it."""
+    """Every object of a collection's ``features``, or every one at the top (a single one, or one a line).
+    More is read, twice as much each time, until one is whole; ``report`` hears where the text is broken."""
     text_of = codecs.getincrementaldecoder("utf-8-sig")("replace")
     text, size, done, collection = "", BLOCK, 0, None
     while True:

@@ -1,9 +1,8 @@
 """NMEA 0183 logs, also with binary bytes and u-blox UBX messages between the sentences.
 
-All sentences of one moment make one fix, whatever talker they come from.  Dates come from RMC, ZDA and
-NAV-PVT; a fix before the first date gets it in hindsight.  Broken sentences are rejected and counted; other
-ships' AIS messages are left out.  Sentences are read by pynmeagps; UBX and its NAV-PVT: u-blox M10 interface
-description (UBX-21035062)."""
+All sentences of one moment make one fix, whatever their talker.  Dates come from RMC, ZDA and NAV-PVT; a fix
+before the first date gets it in hindsight.  Broken sentences are rejected and counted; other ships' AIS is
+left out.  Sentences are read by pynmeagps; UBX, NAV-PVT: u-blox M10 interface description (UBX-21035062)."""
 
 import re
 import struct

@@ -1,7 +1,6 @@
 """ROS 1 bags (plain, bz2, lz4) and ROS 2 bags (a ``.db3`` file, or a folder with ``metadata.yaml``).
 
-Readers of ROS 1 bags that go by the index at the end refuse one that was cut off; here it is walked.
-http://wiki.ros.org/Bags/Format/2.0
+Readers that go by the index of ROS 1 refuse a bag cut off; here it is walked.  wiki.ros.org/Bags/Format/2.0
 
 The messages are those of :mod:`fleetlog.importers._messages`; ``rosbags`` opens the containers of ROS 2."""
 
@@ -80,8 +79,7 @@ class BagWalk(Walk):
     def _take(self, kind: int, header: Header, data: bytes) -> Message | None:
         if kind == MESSAGE:
             seconds, nanoseconds = struct.unpack("<II", header[b"time"])
-            time = seconds * 1_000_000 + (nanoseconds + 500) // 1000
-            return _LENGTH.unpack(header[b"conn"])[0], time, data
+            return _LENGTH.unpack(header[b"conn"])[0], seconds * 1_000_000 + (nanoseconds + 500) // 1000, data
         if kind == CONNECTION:
             about = _header(data)
             topic = about.get(b"topic") or header[b"topic"]

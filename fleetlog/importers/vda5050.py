@@ -1,8 +1,7 @@
 """VDA 5050 ``state`` and ``visualization`` messages, one JSON object a line, versions 1.1, 2.x and 3.x.
 
-A line may be the message itself, the message behind its MQTT topic (``mosquitto_sub -v``), or wrapped as
-``{"topic": ..., "payload": ...}``.  Version 3.0 renamed ``agvPosition``, ``positionInitialized``,
-``batteryState`` and ``batteryCharge``."""
+A line is a message, alone or behind its topic (``mosquitto_sub -v``), or ``{"topic": ..., "payload": ...}``.
+Version 3.0 renamed ``agvPosition``, ``positionInitialized``, ``batteryState`` and ``batteryCharge``."""
 
 import json
 import math
@@ -37,8 +36,7 @@ def sniff(path: Path, head: bytes) -> bool:
 
 
 class _Vda(Records):
-    """Positions as rows; the batteries, which come at their own times, as a channel. Keeps every vehicle's
-    last load, which visualization does not repeat."""
+    """Positions as rows, batteries as a channel. Keeps a vehicle's last load: visualization has none."""
 
     places, longest = (LOCAL, ()), 1 << 22
     recognised: ClassVar = {
