@@ -36,8 +36,7 @@ class Clock:
         self.skipped = np.zeros(len(cells), bool)
         if not pa.types.is_string(cells.type):
             return self._typed(cells, vehicle)
-        if not self.style:
-            self.style = self._decide(cells)
+        self.style = self.style or self._decide(cells)
         if not self.style:
             return np.full(len(cells), _times.NONE)
         if self.style in EPOCH_UNITS:

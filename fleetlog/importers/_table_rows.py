@@ -18,8 +18,7 @@ from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject
 
 Masks = dict[str, Mask]
 Texts = Callable[[list[int]], list[str]]
-_MUST = (*GEOGRAPHIC, *LOCAL)
-"""A row whose position is not a number is refused; of other columns only the value is."""
+_MUST = (*GEOGRAPHIC, *LOCAL)  # A row whose position is no number is refused; of others only the value is
 
 
 class TableRows:
@@ -32,8 +31,7 @@ class TableRows:
         self.clock = Clock(fields)
         self._missing = Source("", sentinels=fields.profile.sentinels)
         self._percent = False
-        self._figures_of: dict[str, bool] = {}
-        """Whether an own column holds figures; it is not known before its first value."""
+        self._figures_of: dict[str, bool] = {}  # Whether a column has figures; unknown before a value
 
     def batch(
         self, table: pa.Table, record: Ints, texts: Texts, rejects: list[Reject], progress: float

@@ -19,7 +19,7 @@ from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Source
 from fleetlog.importers._rows import Records, finite
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, ReadOptions
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer
 
 TIMES = ("coordTimes", "times", "timestamps")
 BLOCK = 1 << 18
@@ -75,11 +75,8 @@ class _GeoJson(Records):
     places = (GEOGRAPHIC, LOCAL)
     points = 0
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        super().__init__(path, options)
-        self._fields: dict[tuple[str, ...], Fields] = {}
-
     def records(self) -> Iterator[dict[str, Any]]:
+        self._fields: dict[tuple[str, ...], Fields] = {}
         return features(self.stream, self.report)
 
     def take(self, feature: dict[str, Any], number: int) -> None:

@@ -24,8 +24,7 @@ _LENGTH = struct.Struct("<I")
 Header = dict[bytes, bytes]
 _SQLITE = b"SQLite format 3\x00"
 _PACKING = re.compile(r"^\s*compression_mode:\s*[\"']?(file|message)", re.MULTILINE | re.IGNORECASE)
-_COUNT = re.compile(r"^\s*message_count:\s*(\d{1,18})\s*$", re.MULTILINE)
-"""The first one is that of the whole bag."""
+_COUNT = re.compile(r"^\s*message_count:\s*(\d{1,18})\s*$", re.MULTILINE)  # The first is the whole bag's
 
 
 class BagWalk(Walk):

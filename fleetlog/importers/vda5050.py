@@ -151,10 +151,8 @@ def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
 
 def _said(message: Message, position: dict[str, Any]) -> dict[str, Any]:
     """Map, order, mode; how well the vehicle knows where it is: a score from 0 to 1, a deviation [m]."""
-    texts = {
-        "map_id": position.get("mapId"), "order_id": message.get("orderId"),
-        "operating_mode": message.get("operatingMode"),
-    }  # fmt: skip
+    texts = {"map_id": position.get("mapId"), "order_id": message.get("orderId")}
+    texts["operating_mode"] = message.get("operatingMode")
     pairs = (("localization_score", "localizationScore"), ("deviation_range", "deviationRange"))
     known = {name: value for name, key in pairs if (value := finite(position.get(key))) == value}
     return {name: text for name, text in texts.items() if isinstance(text, str) and text} | known
