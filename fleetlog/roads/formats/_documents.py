@@ -13,8 +13,7 @@ from fleetlog.errors import SiteError
 
 __all__ = ["Element", "parse_xml", "read_json"]
 
-_LATE = re.compile(rb"\A(?>\s*(?:<!--(?>.*?-->)\s*)+)(?=<\?xml)", re.DOTALL)
-"""Comments before an XML declaration."""
+_LATE = re.compile(rb"\A(?>\s*(?:<!--(?>.*?-->)\s*)+)(?=<\?xml)", re.DOTALL)  # Comments before a declaration
 
 
 def parse_xml(path: Path, root: str, notes: list[str]) -> Element:

@@ -24,13 +24,12 @@ def build_routes(
     capacity, n, stretches = groups + LONGEST, -1, 0
     path, firsts = np.empty(LONGEST, np.int32), np.empty(groups + 1, np.int64)
     spans, (of, piece) = np.empty((2, groups), np.int64), np.full((2, groups), -1)
+    given = store, roads, near.edge, near.offset, choice.chosen, choice.linked, moved, back, path
     while n < 0:
         capacity *= 2
         columns = np.empty(capacity, np.int32), *np.empty((3, capacity))
         room = Routes._make([*columns, firsts, spans, of, piece, np.zeros(groups)])
-        n, stretches = _build(
-            store, roads, near.edge, near.offset, choice.chosen, choice.linked, moved, back, path, room
-        )
+        n, stretches = _build(*given, room)
     firsts, spans = firsts[: stretches + 1], spans[:, :stretches].copy()
     return Routes._make([*(c[:n].copy() for c in columns), firsts, spans, of, piece, room.centre])
 
