@@ -57,8 +57,7 @@ def density(
     trips = dataset.trips.sort_values("start")
     begin, end = (trips[k].astype("datetime64[us, UTC]").astype("i8").to_numpy() for k in ("start", "end"))
     gap = begin[1:] - np.maximum.accumulate(end)[:-1]
-    quiet = int(gap[gap > SILENCE].sum())
-    watched = Watched(tuple(dataset.vehicles), first, last + 1, rule.step, quiet)
+    watched = Watched(tuple(dataset.vehicles), first, last + 1, rule.step, int(gap[gap > SILENCE].sum()))
     parts = list(_hours(dataset, watched))
     pieces = list(each_part(dataset, parts, find_crowds, rule, kinds=(Crowds,), cost=ROW_COST))
     clusters = together(pieces, watched.vehicles)
@@ -76,9 +75,8 @@ def density(
         "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(watched.vehicles),
         "hours": watched.hours, "min_duration_s": min_duration,
         "clusters": {way: as_figures(counts, watched.seconds) for way, counts in ways},
-        "used": "all" if include_standing else "moving_only",
-        "episodes": len(found), "delay_s": float(rows.delay.sum()),
-        "areas": areas.head(20).to_dict("records"),
+        "used": "all" if include_standing else "moving_only", "episodes": len(found),
+        "delay_s": float(rows.delay.sum()), "areas": areas.head(20).to_dict("records"),
     }  # fmt: skip
     steps = pd.DataFrame(clusters.clusters).rename(columns={"time": "timestamp", "label": "cluster"})
     steps["timestamp"] = pd.to_datetime(steps["timestamp"], unit="us", utc=True)
@@ -169,10 +167,8 @@ def _task_table(dataset: Dataset, watched: Watched, s: pd.DataFrame) -> pd.DataF
     if not len(s) or not len(trips):
         return pd.DataFrame()
     begun = trips.assign(trip=trips.index, time=trips.start.astype("datetime64[us, UTC]").astype("int64"))
-    who = np.array(watched.vehicles, dtype=object)[s["truck"]]
-    rows = pd.merge_asof(
-        s.assign(vehicle_id=who).sort_values("time"), begun.sort_values("time"), on="time", by="vehicle_id"
-    )
+    mine = s.assign(vehicle_id=np.array(watched.vehicles, dtype=object)[s["truck"]]).sort_values("time")
+    rows = pd.merge_asof(mine, begun.sort_values("time"), on="time", by="vehicle_id")
     delay = rows.groupby("trip")["delay"].sum()
     late = delay[delay > 0.0].sort_values(ascending=False, kind="stable")
     return trips.loc[late.index, [*OF_TRIP]].assign(delay=late).reset_index(drop=True)
@@ -220,10 +216,9 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
         first = areas.iloc[0]
         part = percent(first.delay / s["delay_s"])
         out.append(f"Look first at area 1 ({first.roads}): it has {part} of the delay.")
-    for row in areas.head(5).itertuples():
-        out.append(
-            f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:.0f} s delay "
-            f"({row.delay_low:.0f} to {row.delay_high:.0f}), {count(row.episodes, 'episode')}, "
-            f"{count(row.vehicles, 'truck')}"
-        )
-    return out
+    return out + [
+        f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:.0f} s delay "
+        f"({row.delay_low:.0f} to {row.delay_high:.0f}), {count(row.episodes, 'episode')}, "
+        f"{count(row.vehicles, 'truck')}"
+        for row in areas.head(5).itertuples()
+    ]

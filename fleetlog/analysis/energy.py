@@ -86,9 +86,8 @@ def energy(
 
 
 def _vehicle_day(
-    dataset: Dataset, vehicle: str, date: str, physics: Physics, battery: BatteryModel,
-    _sources: Sequence[str],
-) -> list[Book]:  # fmt: skip
+    dataset: Dataset, vehicle: str, date: str, physics: Physics, battery: BatteryModel, _code: Sequence[str]
+) -> list[Book]:
     """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
     books = []
     for piece in dataset.pieces(vehicle, date, COLUMNS):

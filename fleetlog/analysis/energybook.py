@@ -184,8 +184,7 @@ def _variance(total: pd.DataFrame, physics: Physics) -> pd.Series:
     Every sensitivity is a sum that the books hold already.  At the switch from traction to braking the drive
     power is zero, so its move adds nothing to first order, and with E the energy of a group
 
-        dE/d ln(efficiency) = -E_traction    dE/d ln(regeneration) = E_braking    dE/d ln(rolling) = E_rolling
-    """
+        dE/d ln(efficiency) = -E_traction  dE/d ln(regeneration) = E_braking  dE/d ln(rolling) = E_rolling"""
     truck = physics.actual_truck
     spread = relative_spreads(truck, physics)
     none, raising = pd.Series(0.0, index=total.index), total["raising"]

@@ -53,8 +53,7 @@ def heatmap(
         parts = [_cell_table(m).assign(**{by: name}) for name, m in groups.items()]
         table = pd.concat(parts, ignore_index=True)
     if compare is not None:
-        other = maps.compute(compare, here.cells, hours=hours, state=load)
-        share, mask = difference(here, other)
+        share, mask = difference(here, maps.compute(compare, here.cells, hours=hours, state=load))
         per_mille = np.where((here.grid[0] > 0) | (share != 0), 1000 * share, np.nan)
         moved, theirs = float(np.abs(share).sum() / 2), str(compare.path)
         summary["compare"] = {"other": theirs, "significant_cells": int(mask.sum()), "moved_share": moved}

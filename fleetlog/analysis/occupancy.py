@@ -70,8 +70,7 @@ class HeatMap:
 
 @dataclass(frozen=True)
 class Patch:
-    """The sums of one vehicle-day: (k,) rows and columns of cells, counted from the origin, with their (6, k)
-    sums; the same of stretches."""
+    """Sums (6, k) of a vehicle-day by cell, (k,) rows and columns counted from the origin, and by stretch."""
 
     row: Ints
     column: Ints

@@ -87,7 +87,6 @@ def _events(t: Trajectory, site: Site, margin: float) -> tuple[list[tuple[Any, .
     speed = np.nan_to_num(t.floats("speed"))
     step = np.diff(t.time, append=t.time[-1:]) * 1e-6
     dt = np.where(step <= MAX_GAP, step, 0.0)
-    driven = float(dt[np.isfinite(limit) & (speed > STANDING_SPEED)].sum())
     x, y = t.floats("x"), t.floats("y")
     rows: list[tuple[Any, ...]] = []
     for a, b in runs((speed > limit * (1.0 + margin)) & (dt > 0.0)):
@@ -95,4 +94,4 @@ def _events(t: Trajectory, site: Site, margin: float) -> tuple[list[tuple[Any, .
         place = site.zones[-1 - whose[k]].id if whose[k] < 0 else site.roads().edge_ids[whose[k]]
         figures = dt[a:b].sum(), speed[a:b].max(), limit[k]
         rows.append((t.vehicle_id, t.time[a], t.time[min(b, len(t) - 1)], *figures, place, x[k], y[k]))
-    return rows, driven
+    return rows, float(dt[np.isfinite(limit) & (speed > STANDING_SPEED)].sum())

@@ -22,14 +22,9 @@ from fleetlog.core.schema import anything, list_of, load_toml, one_of, real, row
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MONEY, CARBON = real(-100.0, 1e6, "per kWh"), real(0.0, 10.0, "kg per kWh")
-TOP = {
-    "name": text, "currency": text, "price": MONEY, "co2": CARBON,
-    "charger_efficiency": real(0.1, 1.0), "period": anything,
-}  # fmt: skip
-PERIOD = {
-    "name": text, "from": whole(0, 23), "to": whole(0, 24), "days": list_of(one_of(*DAYS), 1), "price": MONEY,
-    "co2": CARBON,
-}  # fmt: skip
+BOTH = {"name": text, "price": MONEY, "co2": CARBON}
+TOP = {**BOTH, "currency": text, "charger_efficiency": real(0.1, 1.0), "period": anything}
+PERIOD = {**BOTH, "from": whole(0, 23), "to": whole(0, 24), "days": list_of(one_of(*DAYS), 1)}
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 JOULES = 3600.0
 NEAR = 8.0  # Trip ends this close to a place are at it [m]
-SQUARE, MOST_FLOWS = 10.0, 25
-"""Side of the squares that stand for places where the site has none [m]; arrows that are drawn."""
+SQUARE, MOST_FLOWS = 10.0, 25  # Squares in place of places where a site has none [m]; arrows drawn
 
 
 def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)] = 5.0) -> Result:
@@ -47,12 +46,9 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
         "trips_charged": int(charged.sum()),
         "laden_share": float(np.mean(payload > MIN_LOAD_CHANGE)) if len(payload) else None,
     }  # fmt: skip
-    pairs = real.groupby(["from_place", "to_place"], as_index=False).agg(
-        trips=("distance", "size"), distance_mean=("distance", "mean"), duration_mean=("duration", "mean"),
-        energy_mean=("energy", "mean"),
-    )  # fmt: skip
-    by = ["trips", "from_place", "to_place"]
-    pairs = pairs.sort_values(by, ascending=[False, True, True], ignore_index=True)
+    means: Any = {f"{of}_mean": (of, "mean") for of in ("distance", "duration", "energy")}
+    ways = real.groupby(["from_place", "to_place"], as_index=False).agg(trips=("distance", "size"), **means)
+    pairs = ways.sort_values("trips", ascending=False, kind="stable", ignore_index=True)
     per = real.groupby("vehicle_id").distance.sum() / 1000.0
     bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
     at = real[["x_end", "y_end"]].to_numpy(float)

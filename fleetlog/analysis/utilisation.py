@@ -154,10 +154,8 @@ def charging(t: Trajectory) -> Mask:
 
 def _charging(t: Trajectory, first: Ints, rows: Ints, lasts: Floats) -> Mask:
     """Where the log says so; standstills in which the battery takes power on average, or its charge rises."""
-    said = np.zeros(len(t))
-    if "charging" in t and not isinstance(t.columns["charging"], Labels):
-        said = np.nan_to_num(t.floats("charging"))
-    soc = t.floats("soc")
+    is_text, soc = isinstance(t.columns.get("charging"), Labels), t.floats("soc")
+    said = np.zeros(len(t)) if is_text else t.floats("charging")
     rise = np.repeat(soc[first + rows - 1] - soc[first], rows)
     taken = np.repeat(-np.add.reduceat(np.nan_to_num(t.floats("battery_power")), first) / rows, rows)
     takes = (taken > CHARGER) & (lasts >= SHORTEST_CHARGE)

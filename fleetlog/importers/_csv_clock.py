@@ -36,8 +36,7 @@ class Clock:
         self.skipped = np.zeros(len(cells), bool)
         if not pa.types.is_string(cells.type):
             return self._typed(cells, vehicle)
-        if not self.style:
-            self.style = self._decide(cells)
+        self.style = self.style or self._decide(cells)
         if not self.style:
             return np.full(len(cells), _times.NONE)
         if self.style in EPOCH_UNITS:
@@ -46,7 +45,6 @@ class Clock:
             except pa.ArrowInvalid:
                 return _times.from_counts(numbers(cells)[0], self.style, self.profile.origin)
         if self.style == "of day" or not has_date(self.style):
-            of_day = _times.of_day(cells, self.style)
             if self.days is None:
                 # On the days from the profile's origin: a date is never made up.
                 if (origin := self.profile.time_origin) is None:
@@ -54,7 +52,7 @@ class Clock:
                     raise FormatError("the times are times of day without a date", where=self.path, do=do)
                 here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
                 self.days = _times.Days(_times.microseconds(datetime(here.year, here.month, here.day)))
-            time = self.days.dated(of_day)
+            time = self.days.dated(_times.of_day(cells, self.style))
             return self.to_utc(time, time != _times.NONE, vehicle)
         if self.profile.time_origin is not None:
             what, where = "the times have dates of their own", self.profile.path
@@ -89,8 +87,7 @@ class Clock:
             return self.decide_count(figures)
         if (_times.of_day(sample, "of day") != _times.NONE).mean() > 0.5:
             return "of day"
-        time, _ = _times.from_iso(sample)
-        if (time != _times.NONE).any():
+        if (_times.from_iso(sample)[0] != _times.NONE).any():
             return "iso"
         do = "state its format in a profile (--profile FILE.toml), as [time] format = '%d.%m.%Y %H:%M:%S'"
         shown = str(sample[0])[:60]
@@ -106,8 +103,7 @@ class Clock:
             self.report.recognised[name] = f"timestamp, counted in {self.unit} from {origin or 1970}"
             return self.unit
         if likely is None or origin is not None or self.unit is not None:
-            unit = self.unit or "in an unknown unit"
-            what = f"the time {middle:.12g} counts {unit} from an unknown start"
+            what = f"the time {middle:.12g} counts {self.unit or 'in an unknown unit'} from an unknown start"
             do = 'state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"'
             raise FormatError(what, where=self.path, do=do)
         why = "no other unit gives a date near ours"

@@ -65,8 +65,7 @@ class Fields:
             self.report.recognised[name] = target + _unit_text(target, meaning)
 
     def instant(self, value: Any, epoch: str | None = "") -> int:
-        """Microseconds UTC of a text, or of a count in ``epoch`` (None: the likely one) from the origin.
-        :class:`ValueError` where it is no time."""
+        """[us] UTC of a text, or of a count in ``epoch`` (None: the likely one); ValueError if it is none."""
         if isinstance(value, str):
             style, text = self.profile.time_format, value.strip()
             dated = style is not None and "%" in style and has_date(style)
@@ -86,8 +85,7 @@ class Fields:
 def fields_of(
     names: Iterable[str], profile: Profile | None, report: ReadReport, time: tuple[str, ...] = ()
 ) -> Fields:
-    """What the fields called ``names`` are: the profile's word first, then the spelling; told to ``report``.
-    ``time`` is known beforehand."""
+    """What fields are, told to ``report``: the profile's word first, then spelling; ``time`` is known."""
     found = Fields([*names], profile or Profile(), report, time=time)
     found.take_profile()
     meanings = {n: m for n in found.names if n not in found.used and (m := recognise(n))}

@@ -25,8 +25,7 @@ NO_NAME = f"the vehicle id is missing, longer than {LONGEST_ID} characters, or t
 def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """The batches of a file, each checked; :class:`~fleetlog.errors.FleetlogError` where no row is usable.
 
-    What comes after the first row and cannot be read, for whatever reason, is damage in ``options.report``.
-    """
+    What cannot be read after the first row, for whatever reason, is damage in ``options.report``."""
     last, latest = 0, -1
     try:
         for batch in importer.read(path, options):

@@ -1,9 +1,8 @@
 """Messages that carry a position or a battery's state, from bytes to values in SI units.
 
 Known by schema name.  ROS: sensor_msgs/NavSatFix, nav_msgs/Odometry, geometry_msgs/PoseStamped and
-PoseWithCovarianceStamped, sensor_msgs/BatteryState.  Foxglove: LocationFix and PoseInFrame, as JSON and
-protobuf.  ASAM OSI: ground truths, sensor views and traffic updates, each with many vehicles.  No schema and
-no code is taken from the file."""
+PoseWithCovarianceStamped, sensor_msgs/BatteryState.  Foxglove: LocationFix and PoseInFrame, JSON, protobuf.
+ASAM OSI: ground truths, sensor views and traffic updates.  No schema and no code is taken from the file."""
 
 import json
 import math

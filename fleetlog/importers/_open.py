@@ -55,12 +55,10 @@ class ReadReport:
 
 
 HEAD = 1 << 16
-RATIO = 250
-"""A packed file that gives more than this many times its size is a bomb, beyond the first ``FREE`` bytes."""
+RATIO = 250  # A packed file that gives more than so many times its size, beyond ``FREE`` bytes, is a bomb
 FREE = 1 << 26
 LARGEST = 1 << 38  # Unpacked bytes of one file
-PIECE = 1 << 12
-"""Bytes that are unpacked at a time; one by one before a break, where a piece with an error is lost."""
+PIECE = 1 << 12  # Bytes unpacked at a time; one by one before a break, where a piece with an error is lost
 PACKET_LIMIT = 1 << 26  # Bytes of one packet that are believed
 LIMIT = 1 << 28  # Bytes of one packed piece of a file, before or after unpacking, that are believed
 _MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bz2"}
@@ -94,8 +92,7 @@ def compression(path: Path) -> str | None:
 
 
 class Unpacked(io.RawIOBase):
-    """The bytes of a file, unpacked piece by piece. Where the packing is cut off or broken, the stream ends
-    there, with everything before it, and ``report`` hears of it."""
+    """The bytes of a file, unpacked piece by piece; they end where it is broken, which ``report`` hears."""
 
     def __init__(self, path: Path, report: ReadReport | None = None) -> None:
         self.path, self._report, self._packing = path, report, compression(path)

@@ -24,8 +24,7 @@ NAN = float("nan")
 
 
 class Sample(NamedTuple):
-    """One message: its stamp [us] (0: none) and values; ``fix`` False where the receiver had none.
-    ``vehicle`` is that which the message itself names."""
+    """A message: stamp [us] (0: none), values, whether there is a ``fix``, the ``vehicle`` that it names."""
 
     stamp: int
     values: dict[str, Any]
@@ -34,9 +33,8 @@ class Sample(NamedTuple):
 
 
 class Rows:
-    """Rows of one kind, gathered one by one; :meth:`take` gives them as a :class:`RawBatch`. ``always`` names
-    the columns that every batch has (the positions, unless the rows are a channel); ``share`` says how much
-    of the file has been read."""
+    """Rows of one kind, gathered one by one; :meth:`take` gives a :class:`RawBatch`. ``always`` names columns
+    that every batch has (positions, unless it is a channel); ``share`` says how much of the file was read."""
 
     def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
         self._always, self._share = always, share

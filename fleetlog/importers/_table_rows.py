@@ -18,14 +18,12 @@ from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject
 
 Masks = dict[str, Mask]
 Texts = Callable[[list[int]], list[str]]
-_MUST = (*GEOGRAPHIC, *LOCAL)
-"""A row whose position is not a number is refused; of other columns only the value is."""
+_MUST = (*GEOGRAPHIC, *LOCAL)  # A row whose position is no number is refused; of others only the value is
 
 
 class TableRows:
-    """The rows of one file's tables, in their order; columns are figures or text. ``vehicle`` is that of
-    every row where no column says it, ``decimal`` the decimal point of figures written as text, ``angles``
-    the columns that may hold degrees and minutes."""
+    """The rows of one file's tables, in order; columns are figures or text. ``vehicle`` is that of every row
+    where no column says it, ``decimal`` the point of figures in text, ``angles`` what may hold minutes."""
 
     def __init__(self, fields: Fields, vehicle: str, angles: set[str], decimal: str = ".") -> None:
         self.fields, self.vehicle, self.angles, self.decimal = fields, vehicle, angles, decimal
@@ -33,8 +31,7 @@ class TableRows:
         self.clock = Clock(fields)
         self._missing = Source("", sentinels=fields.profile.sentinels)
         self._percent = False
-        self._figures_of: dict[str, bool] = {}
-        """Whether an own column holds figures; it is not known before its first value."""
+        self._figures_of: dict[str, bool] = {}  # Whether a column has figures; unknown before a value
 
     def batch(
         self, table: pa.Table, record: Ints, texts: Texts, rejects: list[Reject], progress: float

@@ -47,8 +47,7 @@ class Walk(ABC):
         self.at = self.count = 0  # Place in the file, and whole messages so far
         self.channels: dict[int, Topic] = {}
         self.chunks: dict[int, int] = {}  # Messages in the chunk at each place, where the index tells them
-        self.stated = self.indexed = 0
-        """Messages that the index at the end, and the indices on the way, speak of."""
+        self.stated = self.indexed = 0  # Messages of which the index at the end, and those on the way, speak
         self.whole = False
         self._damages = 0
 

@@ -9,8 +9,7 @@ from lxml import etree
 from fleetlog.errors import FormatError
 from fleetlog.importers._rows import Records
 
-LIMIT = 1 << 24
-"""Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""
+LIMIT = 1 << 24  # Bytes between two elements of interest; beyond it is no log but an attack or a mistake
 AT_ONCE = 64  # Elements that wait to be dropped, and elements in one that may
 
 

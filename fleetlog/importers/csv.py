@@ -1,8 +1,7 @@
 """Delimited text: CSV, TSV and relatives, plain or packed (.gz, .zst), any encoding, bounded memory.
 
 The file is read in blocks of whole lines.  A block goes through the fast reader of Arrow with the columns
-typed; a block with a cell that does not fit its type is read again as text and every cell judged by itself.
-"""
+typed; one with a cell that does not fit its type is read again as text, every cell judged by itself."""
 
 import re
 from collections import Counter

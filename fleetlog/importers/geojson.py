@@ -1,8 +1,7 @@
 """GeoJSON (RFC 7946): points with a time, or lines with a time for every vertex.
 
-The times of a line stand in its property ``coordTimes`` or ``times`` (or below ``coordinateProperties``), one
-a vertex, as converters of GPX and the tools of Mapbox write them.  Points are read by the names of their
-properties, as a CSV's columns are."""
+The times of a line stand in ``coordTimes`` or ``times`` (or below ``coordinateProperties``), one a vertex, as
+converters of GPX and Mapbox write them.  Points are read by their properties' names, as a CSV's columns."""
 
 import codecs
 import json
@@ -20,7 +19,7 @@ from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Source
 from fleetlog.importers._rows import Records, finite
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, ReadOptions
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer
 
 TIMES = ("coordTimes", "times", "timestamps")
 BLOCK = 1 << 18
@@ -36,9 +35,8 @@ def sniff(path: Path, head: bytes) -> bool:
 
 
 def features(stream: BufferedReader, report: ReadReport) -> Iterator[dict[str, Any]]:
-    """Every object of a collection's ``features``, or every one at the top (a single one, or one a line). The
-    text is read on, twice as much each time, until an object is whole. Where it is cut off or broken the
-    features end, and ``report`` hears of it."""
+    """Every object of a collection's ``features``, or every one at the top (a single one, or one a line).
+    More is read, twice as much each time, until one is whole; ``report`` hears where the text is broken."""
     text_of = codecs.getincrementaldecoder("utf-8-sig")("replace")
     text, size, done, collection = "", BLOCK, 0, None
     while True:
@@ -77,11 +75,8 @@ class _GeoJson(Records):
     places = (GEOGRAPHIC, LOCAL)
     points = 0
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        super().__init__(path, options)
-        self._fields: dict[tuple[str, ...], Fields] = {}
-
     def records(self) -> Iterator[dict[str, Any]]:
+        self._fields: dict[tuple[str, ...], Fields] = {}
         return features(self.stream, self.report)
 
     def take(self, feature: dict[str, Any], number: int) -> None:

@@ -87,10 +87,8 @@ class _Group:
                 return
 
     def _batch(self, first: int, done: int) -> RawBatch:
-        signals = self.measurement.select(
-            [self.names[source.column] for source in self.wanted.values()], record_offset=first,
-            record_count=min(BATCH, self.length - first), copy_master=False,
-        )  # fmt: skip
+        named, size = [self.names[s.column] for s in self.wanted.values()], min(BATCH, self.length - first)
+        signals = self.measurement.select(named, record_offset=first, record_count=size, copy_master=False)
         time = from_counts(np.asarray(signals[0].timestamps, np.float64), "s", self.origin)
         columns: dict[str, Values] = {}
         for (name, source), signal in zip(self.wanted.items(), signals, strict=True):

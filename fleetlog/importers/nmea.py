@@ -1,9 +1,8 @@
 """NMEA 0183 logs, also with binary bytes and u-blox UBX messages between the sentences.
 
-All sentences of one moment make one fix, whatever talker they come from.  Dates come from RMC, ZDA and
-NAV-PVT; a fix before the first date gets it in hindsight.  Broken sentences are rejected and counted; other
-ships' AIS messages are left out.  Sentences are read by pynmeagps; UBX and its NAV-PVT: u-blox M10 interface
-description (UBX-21035062)."""
+All sentences of one moment make one fix, whatever their talker.  Dates come from RMC, ZDA and NAV-PVT; a fix
+before the first date gets it in hindsight.  Broken sentences are rejected and counted; other ships' AIS is
+left out.  Sentences are read by pynmeagps; UBX, NAV-PVT: u-blox M10 interface description (UBX-21035062)."""
 
 import re
 import struct
@@ -22,7 +21,7 @@ from pynmeagps import NMEA_PAYLOADS_GET, NMEAMessage, calc_checksum
 from fleetlog.core.arrays import DAY
 from fleetlog.core.words import count
 from fleetlog.importers._rows import Records, heading_of_course
-from fleetlog.importers.base import Importer, ReadOptions
+from fleetlog.importers.base import Importer
 
 WAITING = 1 << 18  # Fixes that may wait for the first date
 BLOCK = 1 << 18
@@ -202,13 +201,10 @@ class _Nmea(Records):
 
     ais = unchecked = no_fix = 0
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        super().__init__(path, options)
+    def records(self) -> Iterator[tuple[int, bytes, str | None]]:
         self.waiting: list[Part] = []  # Fixes before the first date
         self._open = Part()
         self._last: Part | None = None  # The last fix with a date
-
-    def records(self) -> Iterator[tuple[int, bytes, str | None]]:
         yield from frames(self.stream)
         self._close()
 

@@ -26,8 +26,7 @@ _OF_FIGURES = ("null", "boolean", "decimal", "floating", "integer")
 _FIGURES = [getattr(pa.types, f"is_{kind}") for kind in _OF_FIGURES]
 _TIMES = [getattr(pa.types, f"is_{kind}") for kind in ("timestamp", "date", "integer", "floating")]
 GROUP_LIMIT = 1 << 32  # Unpacked bytes of a row group that are believed
-CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
-"""Values that a file may state: so many in any file, and so many for each of its bytes."""
+CELLS, CELLS_PER_BYTE = 200_000_000, 2_000  # Values that a file may state: any, or for each byte of it
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:

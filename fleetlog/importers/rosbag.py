@@ -1,7 +1,6 @@
 """ROS 1 bags (plain, bz2, lz4) and ROS 2 bags (a ``.db3`` file, or a folder with ``metadata.yaml``).
 
-Readers of ROS 1 bags that go by the index at the end refuse one that was cut off; here it is walked.
-http://wiki.ros.org/Bags/Format/2.0
+Readers that go by the index of ROS 1 refuse a bag cut off; here it is walked.  wiki.ros.org/Bags/Format/2.0
 
 The messages are those of :mod:`fleetlog.importers._messages`; ``rosbags`` opens the containers of ROS 2."""
 
@@ -25,8 +24,7 @@ _LENGTH = struct.Struct("<I")
 Header = dict[bytes, bytes]
 _SQLITE = b"SQLite format 3\x00"
 _PACKING = re.compile(r"^\s*compression_mode:\s*[\"']?(file|message)", re.MULTILINE | re.IGNORECASE)
-_COUNT = re.compile(r"^\s*message_count:\s*(\d{1,18})\s*$", re.MULTILINE)
-"""The first one is that of the whole bag."""
+_COUNT = re.compile(r"^\s*message_count:\s*(\d{1,18})\s*$", re.MULTILINE)  # The first is the whole bag's
 
 
 class BagWalk(Walk):
@@ -80,8 +78,7 @@ class BagWalk(Walk):
     def _take(self, kind: int, header: Header, data: bytes) -> Message | None:
         if kind == MESSAGE:
             seconds, nanoseconds = struct.unpack("<II", header[b"time"])
-            time = seconds * 1_000_000 + (nanoseconds + 500) // 1000
-            return _LENGTH.unpack(header[b"conn"])[0], time, data
+            return _LENGTH.unpack(header[b"conn"])[0], seconds * 1_000_000 + (nanoseconds + 500) // 1000, data
         if kind == CONNECTION:
             about = _header(data)
             topic = about.get(b"topic") or header[b"topic"]

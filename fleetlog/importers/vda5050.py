@@ -1,8 +1,7 @@
 """VDA 5050 ``state`` and ``visualization`` messages, one JSON object a line, versions 1.1, 2.x and 3.x.
 
-A line may be the message itself, the message behind its MQTT topic (``mosquitto_sub -v``), or wrapped as
-``{"topic": ..., "payload": ...}``.  Version 3.0 renamed ``agvPosition``, ``positionInitialized``,
-``batteryState`` and ``batteryCharge``."""
+A line is a message, alone or behind its topic (``mosquitto_sub -v``), or ``{"topic": ..., "payload": ...}``.
+Version 3.0 renamed ``agvPosition``, ``positionInitialized``, ``batteryState`` and ``batteryCharge``."""
 
 import json
 import math
@@ -37,8 +36,7 @@ def sniff(path: Path, head: bytes) -> bool:
 
 
 class _Vda(Records):
-    """Positions as rows; the batteries, which come at their own times, as a channel. Keeps every vehicle's
-    last load, which visualization does not repeat."""
+    """Positions as rows, batteries as a channel. Keeps a vehicle's last load: visualization has none."""
 
     places, longest = (LOCAL, ()), 1 << 22
     recognised: ClassVar = {
@@ -153,10 +151,8 @@ def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
 
 def _said(message: Message, position: dict[str, Any]) -> dict[str, Any]:
     """Map, order, mode; how well the vehicle knows where it is: a score from 0 to 1, a deviation [m]."""
-    texts = {
-        "map_id": position.get("mapId"), "order_id": message.get("orderId"),
-        "operating_mode": message.get("operatingMode"),
-    }  # fmt: skip
+    texts = {"map_id": position.get("mapId"), "order_id": message.get("orderId")}
+    texts["operating_mode"] = message.get("operatingMode")
     pairs = (("localization_score", "localizationScore"), ("deviation_range", "deviationRange"))
     known = {name: value for name, key in pairs if (value := finite(position.get(key))) == value}
     return {name: text for name, text in texts.items() if isinstance(text, str) and text} | known

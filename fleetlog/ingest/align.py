@@ -46,8 +46,7 @@ class Alignment(NamedTuple):
 
 
 class _Roads:
-    """Stations about a metre apart of directed roads: (n, 2) place and normal, (n,) heading, whether both
-    directions share the line."""
+    """Stations a metre apart of directed roads: (n, 2) place, normal; (n,) heading, if both ways share it."""
 
     def __init__(self, network: Network) -> None:
         edge, offset = network.stations()
@@ -80,8 +79,7 @@ def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "lo
     ``tracks`` are x, y [m] of each vehicle in the log's frame, in order of time; NaN where unknown.  Of the
     figures, ``residual_m`` is the median distance from the lines of the roads, ``on_roads`` the share of the
     log within reach of one, ``runner_up`` that of the next best fit; ``shift_sd_m`` is the standard deviation
-    of the log's worst place.  :class:`~fleetlog.errors.DataError` where nothing fits, or more than one place.
-    """
+    of the log's worst place.  :class:`~fleetlog.errors.DataError` where nothing fits, or several places."""
     place, heading = _places(tracks, float(np.hypot(*np.ptp(network.points[:, :2], axis=0))))
     if len(place) < 50:
         raise DataError("cannot be aligned: it holds less than 50 m of driving", do="give a longer log")

@@ -17,8 +17,7 @@ MAX_SPEED = 60.0  # A position that implies more is impossible [m/s]; the bound 
 FARTHEST, HIGHEST = 1e8, 1e6  # No vehicle is farther or higher [m]; grids of whole countries count up to 1e7
 JUMP_MARGIN = 20.0  # Error of two positions that no jump is made of [m]
 SHORT_JUMP = 10  # Rows; a place that is left sooner by another impossible jump was never visited
-STUCK_TIME, STUCK_ROWS = 60.0, 30
-"""A speed the same to the last digit so long [s, rows] while the truck stands is stuck."""
+STUCK_TIME, STUCK_ROWS = 60.0, 30  # Speed the same to the last digit so long [s, rows] while standing: stuck
 
 
 def sort_rows(rows: Trajectory) -> Trajectory:
@@ -89,9 +88,8 @@ def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
 def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
     """Refuse rows whose place cannot be reached and is left again at once, and no others.
 
-    Positions fall into stays between impossible jumps.  A stay of fewer than ``SHORT_JUMP`` rows between two
-    of them, or beside a longer one, was never visited; after a long one the truck is where it says (a log
-    that resumes elsewhere)."""
+    Positions fall into stays between impossible jumps.  One of fewer than ``SHORT_JUMP`` rows between two, or
+    beside a longer one, was never visited; a longer one is where the truck is (the log resumes elsewhere)."""
     x, y = rows.floats("x"), rows.floats("y")
     known, gone = np.isfinite(x) & np.isfinite(y), np.zeros(len(rows), bool)
     gone[known] = jump_outliers(x[known], y[known], rows.seconds()[known])

@@ -17,8 +17,7 @@ REACH = 3.0  # A value reaches this many of its usual steps, and no farther than
 MAX_REACH = 30.0
 MOVED = 0.3  # A step that the speed claims and the position denies [m]
 HELD_SHARE = 0.2  # Fewer repeats among the moving rows are chance, not a slow receiver
-FILL_DRIVEN, FILL_BLIND = 60.0, 5.0
-"""Longest stretch between two fixes that is filled [s]: with a known speed, and without."""
+FILL_DRIVEN, FILL_BLIND = 60.0, 5.0  # Longest stretch that is filled [s]: with a known speed, without
 HALF_WINDOW = 1.0
 """A line is fitted over this time before and after a row [s], or over two neighbours on each side within
 ``WIDEST`` if that is more; over the nearest neighbours at least."""
@@ -82,9 +81,8 @@ def suspect_unit(ratios: list[float]) -> tuple[str, float] | None:
 def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None) -> tuple[Floats, Floats]:
     """Speed and heading at (N,) times [s] from positions [m]; NaN where there are too few positions.
 
-    Least-squares slopes of x and y over time in a window about each row (Savitzky and Golay's first
-    derivative for uneven steps).  Slower than the error of the fit is standing still: speed 0, and the
-    heading stays as it was."""
+    Least-squares slopes over time in a window about each row (Savitzky and Golay's first derivative for
+    uneven steps).  Slower than the error of the fit is standing still: speed 0, the heading as it was."""
     speed, heading = np.full(len(t), np.nan), np.full(len(t), np.nan)
     have = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if len(have) < 2:
@@ -200,13 +198,12 @@ def fill_positions(rows: Trajectory) -> Trajectory:
     if known.all() or known.sum() < 2:
         return rows
     fraction, before, after = _between(rows, np.flatnonzero(known))
-    out = rows
     for name in ("x", "y", "z"):
         values = rows.floats(name)
         if np.isfinite(values).any():
             line = values[before] + fraction * (values[after] - values[before])
-            out = out.with_columns(**{name: np.where(~known & np.isnan(values), line, values)})
-    return out
+            rows = rows.with_columns(**{name: np.where(~known & np.isnan(values), line, values)})
+    return rows
 
 
 def _between(rows: Trajectory, known: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp]]:

@@ -110,8 +110,7 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """The files below a folder but hidden ones and those of fleetlog's own outputs, which may lie among logs.
-    Of a dataset that is named itself they are its rows."""
+    """The files below a folder but hidden ones and fleetlog's outputs; of a dataset named itself its rows."""
     rows = folder / "trajectories"
     for top, folders, files in os.walk(rows if (folder / "dataset.json").is_file() else folder):
         here = Path(top)
@@ -128,8 +127,7 @@ class Preview:
 
     files: list[FileSummary] = field(default_factory=list)
     rows: dict[str, list[dict[str, Any]]] = field(default_factory=dict)  # First rows by file, in SI units
-    rejected: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    """First refusals by file: line or record, reason, text."""
+    rejected: dict[str, list[dict[str, Any]]] = field(default_factory=dict)  # And refusals, with reasons
 
     @property
     def exit_status(self) -> int:

@@ -29,8 +29,7 @@ from fleetlog.listening import progress
 from fleetlog.store.documents import provenance
 from fleetlog.store.writer import DatasetWriter
 
-ROW_COST, ROW_BYTES = 3e-6, 60.0
-"""Of a row, about: to read it, or to match and write it [s]; its length in a log."""
+ROW_COST, ROW_BYTES = 3e-6, 60.0  # Of a row, about: to read it, or match and write it [s]; its length
 ALIGN_VEHICLES = 20  # Vehicles whose tracks are fitted to the roads
 UNPLACED = "roads, places, heat maps, density and travel times say nothing of them"
 
@@ -43,8 +42,7 @@ def import_logs(
 
     ``site`` is None where there is no map: then the frame comes from the data.  The writer's site, provenance
     and summary are set; its ``finish`` is left to the caller.  ``align`` fits the frame of local positions to
-    the roads of ``site``.  :class:`~fleetlog.errors.InputError` where nothing usable was found.
-    """
+    the roads of ``site``.  :class:`~fleetlog.errors.InputError` where nothing usable was found."""
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     logs = find_logs(paths, format)
     inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]

@@ -20,9 +20,8 @@ FAR = 3000.0  # A log whose middle lies farther from every road than this is of 
 def place(rows: Trajectory, site: Site) -> Trajectory:
     """Rows with x, y [m] in the site's frame; geographic columns are turned into them, local ones stay.
 
-    A log that has both keeps its x, y where they agree with its latitude and longitude to a metre (a dataset
-    that comes back); otherwise they are in another frame: the geographic ones count, and they are kept as
-    ``x_log``, ``y_log``."""
+    A log that has both keeps x, y where they agree with latitude and longitude to a metre (a dataset that
+    comes back); else these are of another frame, kept as ``x_log``, ``y_log``: the geographic ones count."""
     if "latitude" not in rows or site.frame is None:
         return rows
     x, y = site.frame.to_local(rows.floats("latitude"), rows.floats("longitude"))

@@ -152,8 +152,7 @@ class Order:
 
     def __init__(self) -> None:
         self._waiting: list[Trajectory] = []
-        self._end, self._size = EARLIEST - 2 * LEAP, 0
-        """Latest time of the last run that was kept [us], and its rows so far."""
+        self._end, self._size = EARLIEST - 2 * LEAP, 0  # Latest time of the last run kept [us], and its rows
 
     def sift(self, rows: Trajectory, *, last: bool = False) -> tuple[Trajectory, Trajectory]:
         """Rows to keep and rows to refuse."""

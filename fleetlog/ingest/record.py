@@ -62,8 +62,7 @@ def record(
 
     ``url`` is ``mqtt://[USER:PASSWORD@]HOST[:PORT]/TOPIC`` (``mqtts`` for TLS); the topic may hold wildcards,
     ``#`` is the default.  ``client_id`` names the session that the broker keeps; captures at once need two.
-    :class:`~fleetlog.errors.InputError` where no broker answers, it refuses, or an extra is missing.
-    """
+    :class:`~fleetlog.errors.InputError` where no broker answers, it refuses, or an extra is missing."""
     place, topic = _parsed(url)
     capture, client = Capture(topic, out, messages), _client(place, client_id)
     client.on_connect, client.on_message = capture.connected, capture.message

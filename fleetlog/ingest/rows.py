@@ -1,6 +1,5 @@
-"""Rows of a vehicle on their way into a dataset: unsorted, with where each came from; set down on disk by
-vehicle, so that logs of any size and order fit into memory.  Every row and value that was refused: counted by
-reason, and kept in ``rejected.parquet``."""
+"""Rows on their way into a dataset, unsorted, with where each came from; set down on disk by vehicle, so that
+logs of any size and order fit into memory.  What was refused, by reason, and in ``rejected.parquet``."""
 
 import itertools
 from collections import Counter, defaultdict

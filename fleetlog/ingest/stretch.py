@@ -183,15 +183,11 @@ def with_edges(rows: Trajectory, network: Network, parameters: MatchParameters |
     from fleetlog.roads import matching
 
     found = matching.match(rows, network, parameters)
-    edge = np.asarray(found.edge, dtype=np.int32)
-    off = edge < 0
+    reason = np.where(found.edge < 0, found.reason.astype(np.int32), -1)
     return rows.with_columns(
-        edge_id=Labels(edge, network.edge_ids),
-        edge_offset=np.where(off, np.nan, found.offset),
-        lateral_offset=np.where(off, np.nan, found.lateral),
-        match_confidence=np.asarray(found.confidence, dtype=np.float64),
-        match_reason=Labels(np.where(off, found.reason.astype(np.int32), -1), tuple(matching.REASONS)),
-    )
+        edge_id=Labels(found.edge, network.edge_ids), edge_offset=found.offset, lateral_offset=found.lateral,
+        match_confidence=found.confidence, match_reason=Labels(reason, matching.REASONS),
+    )  # fmt: skip
 
 
 def has_edges(rows: Trajectory, network: Network) -> bool:

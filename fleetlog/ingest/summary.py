@@ -43,8 +43,7 @@ class ImportSummary:
     end: str | None = None
     rows_read: int = 0
     rows: int = 0
-    rows_joined: int = 0
-    """Rows without a position of their own (battery messages) whose values went onto rows with one."""
+    rows_joined: int = 0  # Without a position (battery messages), whose values went onto rows with one
     rejected: dict[str, int] = field(default_factory=dict)  # Rows refused, by reason
     rejected_values: dict[str, int] = field(default_factory=dict)
     """Single values refused (set unknown; the row stayed), by reason."""
@@ -53,8 +52,7 @@ class ImportSummary:
     derived_by_vehicle: dict[str, list[str]] = field(default_factory=dict)
     """The same by vehicle: what was derived is no channel that a diagnosis may test."""
     notes: list[str] = field(default_factory=list)
-    alignment: dict[str, Any] | None = None
-    """The frame that was fitted to the roads, with its residual and its doubt."""
+    alignment: dict[str, Any] | None = None  # The frame that was fitted to the roads, its residual and doubt
     trips: int = 0
     matched: float | None = None  # Share of the rows on a road; None without a map
     off_map: dict[str, int] = field(default_factory=dict)  # Rows without a road, by reason

@@ -1,5 +1,4 @@
-"""What was driven where and in which direction: metres, per square of the floor and sector of heading; and
-the same gathered on the lines that trucks agree on.
+"""Metres driven per square of the floor and sector of heading, and gathered on lines that trucks agree on.
 
 The table grows with the roads of a site, not with the length of its log."""
 

@@ -1,7 +1,6 @@
 """``fleetlog learn``: a site from a recording alone, every element with its evidence.
 
-Of an existing map it tells what it lacks: roads that are driven and not in it, one-way roads driven against.
-"""
+Of an existing map it tells what it lacks: roads driven and not in it, one-way roads driven against."""
 
 import math
 from collections.abc import Iterator

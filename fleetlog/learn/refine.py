@@ -33,16 +33,14 @@ class Fit:
     spread: Floats
 
     def covered(self, senses: Mask, noise: float = 0.0) -> float:
-        """Width [m] of the floor that trucks' middles cover in these ``senses``, forth and back; the
-        ``noise`` [m] of their positions does not count."""
+        """Width [m] of floor that trucks' middles cover in ``senses``, forth and back, less the ``noise``."""
         spread = np.sqrt(np.maximum(self.spread[senses] ** 2 - noise**2, 0.0))
         return float(np.ptp(self.left[senses]) + 4.0 * spread.max())
 
 
 def refined(chains: list[Chain], driven: Mask, cells: Driven, reach: float, rounds: int = 3) -> list[Fit]:
     """The chains moved onto the traces: in the middle of both directions where both are driven. ``driven``
-    (n, 2) says in which directions each is, forth and back; cells farther than ``reach`` [m] are another
-    road's."""
+    (n, 2) says which way each is, forth and back; cells farther than ``reach`` [m] are another road's."""
     fits = [Fit(c, np.zeros(2), np.zeros(2)) for c in chains]
     for _ in range(rounds):
         chains = [_resampled(f.chain) for f in fits]
@@ -143,10 +141,9 @@ def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
     offset = _middle(mean, seen & used[:, None])
     left = np.array([np.average(m, weights=s + 1e-9) for m, s in zip(mean - offset, sums[:, 0], strict=True)])
     first, second = (sums[:, k].sum(axis=1) / np.maximum(total, 1e-9) for k in (1, 2))
-    variance = second - first**2
     normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
     moved = replace(c, points=c.points + offset[:, None] * normal)
-    return Fit(moved, left, np.sqrt(np.maximum(variance, 0.0)))
+    return Fit(moved, left, np.sqrt(np.maximum(second - first**2, 0.0)))
 
 
 def _middle(mean: Floats, seen: Mask) -> Floats:

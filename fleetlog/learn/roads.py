@@ -143,8 +143,7 @@ class Roads:
 
 
 def learn_roads(cells: Driven, noise: float, reread: Reread, settings: Settings) -> Roads:
-    """The roads under what was driven, given the noise of its positions [m]. ``reread`` gives the
-    trajectories anew, for what is counted on the roads found."""
+    """The roads under what was driven, its positions with ``noise`` [m]; ``reread`` gives tracks anew."""
     lines = centre_lines(gathered(cells, noise, settings.lane), TUBE, LEAST)
     graph = tidied(chains(lines), settings.spur, lines.side * 3.0)
     graph = _driven_only(graph, reread, settings)
@@ -168,14 +167,13 @@ def _driven_only(graph: list[Chain], reread: Reread, settings: Settings) -> list
     ends_of = (min(busiest[c.start], busiest[c.end]) for c in graph)
     stray = [c.length < BRIEF and n < RARE * b for c, n, b in zip(graph, total, ends_of, strict=True)]
     keep = (total >= settings.passes) & ~np.array(stray)
-    kept = list(compress(graph, keep))
     number = np.cumsum(keep) - 1
     turns: Counter[tuple[int, int]] = Counter()
     for (a, b), count in found.turns.items():
         if keep[a // 2] and keep[b // 2] and a // 2 != b // 2:
             # edge 2 k leaves chain k at its end and enters it at its start, edge 2 k + 1 the other way round
             turns[2 * int(number[a // 2]) + (a % 2 == 0), 2 * int(number[b // 2]) + (b % 2)] += count
-    return joined(split(kept, turns), total[keep])
+    return joined(split(list(compress(graph, keep)), turns), total[keep])
 
 
 def two_way_edges(graph: list[Chain]) -> list[Edge]:

@@ -114,8 +114,7 @@ def pieces(chains: list[Chain], longest: float) -> list[Chain]:
 
 
 def apart(chains: list[Chain], near: float) -> list[Chain]:
-    """Roads that come back beside themselves within ``near`` [m] cut where they turn round. A place beside
-    both parts would else lie on one edge twice."""
+    """Roads that come back within ``near`` [m] cut where they turn: a place beside both were on one twice."""
     out, waiting, fresh = [], list(chains), _fresh(chains)
     while waiting:
         c = waiting.pop()

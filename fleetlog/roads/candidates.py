@@ -73,14 +73,13 @@ def prepare(network: Network) -> Prepared:
 
 
 def _grid(lines: Lines, length: Floats) -> Grid:
-    """The segments of every cell that their bands cross, by first vertex; of twins only the first edge's.
-    Cells are 5 to 50 m wide, and at most two million."""
+    """The segments of every cell that their bands cross, by first vertex; of twins only the first edge's."""
     k = np.flatnonzero(lines.owner[1:] == lines.owner[:-1])
     twin = lines.twin[lines.owner[k]]
     k = k[(twin < 0) | (twin >= lines.owner[k])]
     low, high = np.array([[v.min(), v.max()] for v in (lines.x, lines.y)]).T
     cell = float(np.clip(np.median(length), 5.0, 50.0))
-    cell = max(cell, float(np.sqrt((high - low + 1.0).prod() / 2e6)))
+    cell = max(cell, float(np.sqrt((high - low + 1.0).prod() / 2e6)))  # at most two million of them
     nx, ny = ((high - low) / cell).astype(int) + 1
     a, b = (np.column_stack([lines.x[n], lines.y[n]]) for n in (k, k + 1))
     first, last = (((v - low) / cell).astype(np.int64) for v in (np.minimum(a, b), np.maximum(a, b)))

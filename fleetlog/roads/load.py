@@ -76,8 +76,7 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
 
     With it comes a report for every map that was read.  A map in degrees without a site file gets a frame
     about its centre, rotation 0.  Local metres stay as they are, with the frame of the map's geoReference;
-    without one the site has no frame.  :class:`SiteError` says in one line which file, where in it, what is
-    wrong and what to do."""
+    without one the site has no frame.  :class:`SiteError` says where, what is wrong and what to do."""
     path = Path(path)
     if path.is_dir():
         path = path / "site.toml"
@@ -102,8 +101,7 @@ def readers() -> dict[str, Reader]:
 
 
 def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
-    """The roads of a map file, packed with gzip or not, in its own coordinates; the format is recognised by
-    content, then by suffix."""
+    """The roads of a map file, gzipped or not, in its coordinates; content, else suffix, tells the format."""
     if not (head := read_head(path, HEAD, SiteError)).strip():
         raise SiteError("the file is empty", where=path, do="give a map")
     suffix, known = Path(path.name.lower().removesuffix(".gz")).suffix, readers().values()
@@ -132,8 +130,6 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     if "network" not in data:
         return site, []
     given = schema.table(data["network"], NETWORK, path, "network", ("file",), SiteError)
-    lanes, classes = (frozenset(given[k]) if k in given else None for k in ("lane_types", "road_classes"))
-    options = MapOptions(given.get("traffic"), lanes, classes, site.map_frames)
     # A map is named by an absolute name, or one that stays in the site's folder.
     name, file, place = given["file"], path.parent / given["file"], "network.file"
     if not Path(name).is_absolute() and not file.resolve().is_relative_to(path.parent.resolve()):
@@ -141,7 +137,8 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
         raise SiteError(what, where=path, place=place, do=do)
     if not file.is_file():
         raise SiteError(f"no such file {name!r}", where=path, place=place, do="correct the name")
-    return _with_map(site, file, options)
+    lanes, classes = (frozenset(given[k]) if k in given else None for k in ("lane_types", "road_classes"))
+    return _with_map(site, file, MapOptions(given.get("traffic"), lanes, classes, site.map_frames))
 
 
 def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[LoadReport]]:

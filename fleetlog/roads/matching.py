@@ -1,13 +1,11 @@
 """Map matching: which directed edge every row was on.
 
-A hidden Markov model (Newson and Krumm, 2009, doi:10.1145/1653771.1653818) chooses the route, a
-fixed-interval smoother on the route places the rows:
+A hidden Markov model (Newson and Krumm, 2009, doi:10.1145/1653771.1653818) chooses, a smoother places:
 
 1. rows become *groups*: a step of motion long against its noise, or a whole standstill;
 2. every group gets *candidates*: the directed edges near its mean position;
 3. emission: lateral distance, direction of motion, axis of the log's heading; transition: |network distance -
-   travelled distance|, where turns and one-way roads are the network's; beside them one state "off the
-   roads";
+   travelled distance|, turns and one-way roads being the network's; beside them one state "off the roads";
 4. Viterbi chooses, forward-backward weighs;
 5. the chosen candidates become routes, and the rows of each are smoothed along it."""
 
@@ -108,7 +106,7 @@ def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> Mat
         guess = _with_reach(guess, wanted)
         groups = grouping.group_track(some, guess.noise, guess.sigma)
         before = guess.sigma
-        guess = replace(guess, **{**_from_residuals(some, groups, prepared, guess), **fixed})
+        guess = replace(guess, **{**_from_residuals(groups, prepared, guess), **fixed})
         if abs(guess.sigma - before) < 0.05 * before:
             break
     return _with_reach(guess, wanted)
@@ -129,7 +127,7 @@ def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
     return float(np.clip(1.4826 * usual, max(0.3, 0.5 * noise), 20.0))
 
 
-def _from_residuals(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> dict[str, float]:
+def _from_residuals(groups: Groups, prepared: Prepared, p: MatchParameters) -> dict[str, float]:
     """sigma, noise, beta and persistence from the residuals of a match with ``p``."""
     near, choice, _ = _decode(groups, prepared, p)
     on = choice.chosen >= 0
@@ -191,8 +189,7 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
 
 
 def _rows(track: Track, groups: Groups, routes: Routes, rest: Mask, near: Floats, p: MatchParameters) -> Rows:
-    """The rows, each with the path coordinate interpolated between the centres of groups, and carried on with
-    the nearest slope at both ends of a stretch."""
+    """The rows, the path coordinate interpolated between the centres of groups, extrapolated at both ends."""
     group = np.repeat(np.arange(len(groups.t)), np.diff(groups.first))
     first, last = np.append(routes.spans, [[0], [0]], axis=1)[:, routes.of]  # the last: off the roads
     on = np.clip(group - (track.t <= groups.t[group]), first[group], np.maximum(last - 1, first)[group])

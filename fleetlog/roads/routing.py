@@ -30,8 +30,7 @@ class Router:
     turn_time : s charged for every change of heading, by its share of a half turn (0 at straight on).
 
     A* over directed edges (Hart, Nilsson and Raphael 1968) with the straight-line time at the highest speed
-    as the lower bound.  Equal costs are decided by edge number: the same question has the same answer on
-    every machine."""
+    as the lower bound.  Equal costs are decided by edge number: the answer is the same on every machine."""
 
     def __init__(self, network: Network, speed: Floats | None = None, turn_time: float = 0.0) -> None:
         limit = network.speed_limit if speed is None else np.asarray(speed, dtype=np.float64)

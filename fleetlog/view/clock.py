@@ -1,5 +1,4 @@
-"""What a recording shows: all of the time of a dataset, one day of it, or none of the silences of a log;
-which rows of a trajectory; and what of the floor must be seen."""
+"""What a recording shows: all time, one day, or no silences; which rows; what of the floor must be seen."""
 
 import itertools
 from collections.abc import Sequence

@@ -23,10 +23,9 @@ DIFFERENCES = {
     "energy": "Energy so far, simulated - recorded [kWh]", "soc": "Charge, simulated - recorded [%]",
 }  # fmt: skip
 TOTALS = {
-    "driving": "Trucks driving",
-    "distance": "Distance so far, all trucks [km]",
+    "driving": "Trucks driving", "distance": "Distance so far, all trucks [km]",
     "used": "Energy so far, all trucks [kWh]",
-}
+}  # fmt: skip
 BIN = 10_000_000  # Step of the totals [us]
 SLOW = frozenset({"energy", "soc", "distance", "used"})  # Shown as a whole, also in a long recording
 
@@ -140,20 +139,15 @@ def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats
 def _send_screen(stream: Stream, screen: blueprint.Screen, found: set[str]) -> None:
     # From above, arcs would hide where the two fleets part.
     flat = [*blueprint.FLAT, *(f"- {p}/tasks/**" for p in screen.prefixes)]
-    left = [
-        blueprint.floor_view(screen, "Site", aspect=1.5),
-        blueprint.floor_view(screen, "Plan", flat, plan=True, aspect=1.5),
-    ]
+    whole = blueprint.floor_view(screen, "Site", aspect=1.5)
+    plan = blueprint.floor_view(screen, "Plan", flat, plan=True, aspect=1.5)
     summary = rrb.TextDocumentView(origin="/summary", name="Summary")
     doing = blueprint.activity_views(screen, roomy=True)
     both = [*blueprint.curve_views(screen), rrb.Tabs(summary, *doing) if doing else summary]
     apart: list[Any] = [
-        blueprint.plot(
-            title, [f"/difference/{kind}/**"], legend=kind in TOTALS,
-            **blueprint.time_of(screen, slow=kind in SLOW),
-        )
-        for kind, title in {**DIFFERENCES, **TOTALS}.items()
-        if kind in found
-    ]  # fmt: skip
-    columns = [rrb.Vertical(*left), rrb.Vertical(*both), *([rrb.Vertical(*apart)] if apart else [])]
+        blueprint.plot(name, [f"/difference/{k}/**"], k in TOTALS, **blueprint.time_of(screen, k in SLOW))
+        for k, name in {**DIFFERENCES, **TOTALS}.items()
+        if k in found
+    ]
+    columns = [rrb.Vertical(whole, plan), rrb.Vertical(*both), *([rrb.Vertical(*apart)] if apart else [])]
     blueprint.send(stream, screen, columns, [5, 3, 3][: len(columns)])

@@ -9,8 +9,7 @@ Signal first, vehicle second, as for everything else::
     PREFIX/state/ID        what the truck does, over time
     PREFIX/activity/NAME   trucks that do this, and PREFIX/open/NAME open tasks by stage, as curves
 
-Large fleets have no arcs, which would hide the floor, one entity for all reservations, and curves in place
-of states."""
+Large fleets have no arcs, which would hide the floor, one entity for all reservations, curves for states."""
 
 from __future__ import annotations
 
@@ -44,10 +43,8 @@ STATES = 20  # Trucks up to which each has a lane of its states
 STEP = 2_000_000  # Between two rows of the reservations of a large fleet [us]
 BLOCK = 200_000  # Lines held in memory at once
 MOST_WAITING = 60  # Arcs of waiting tasks that are drawn at most
-CURVE_POINTS = 120
-"""Of a curve, each a mean over the time to the next: trucks of a long shift would else make a band of it."""
-FLOOR, UP = np.array([0.0, 0.0, 0.14]), np.array([0.0, 0.0, 0.6])
-"""Reservations lie, and arcs end, so much over the ground [m]."""
+CURVE_POINTS = 120  # Of a curve, each a mean over the time to the next: of a long shift it were else a band
+FLOOR, UP = np.array([0.0, 0.0, 0.14]), np.array([0.0, 0.0, 0.6])  # Reservations, arcs' ends: height [m]
 MOMENTS = ("earliest", "assigned", "picked", "dropped")
 
 

@@ -33,10 +33,8 @@ STEP = 0.03  # A truck is drawn anew when it has moved this far [m]: less is noi
 FAR_FROM_FLOOR = 10.0  # [m]
 SAME = 1e-12  # Values of a curve that differ by less are equal
 MIN_LOAD = 1.0  # Payload [kg] above which a load is drawn
-COLUMNS = (
-    "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power",
-    "soc",
-)  # fmt: skip
+FIELDS = ("x", "y", "z", "heading", "speed", "battery_power", "soc", "payload", "fork_height")
+COLUMNS = (*FIELDS, "edge_id", "edge_offset")
 
 
 @dataclass(frozen=True)
@@ -177,10 +175,8 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
     keep = clock.together(keep[np.isfinite(heading[keep])], starts)
     time, order, shown = _in_order(t.time[keep], hidden)
     turn = np.append(np.nan_to_num(heading[keep]), np.zeros(len(hidden)))[order]
-    stream.rows(
-        lane.path("trucks", "body"), time, rr.Transform3D,
-        quaternion=quaternions(turn), scale=np.tile(np.maximum(shown, 1e-6)[:, None], 3),
-    )  # fmt: skip
+    path, scale = lane.path("trucks", "body"), np.tile(np.maximum(shown, 1e-6)[:, None], 3)
+    stream.rows(path, time, rr.Transform3D, quaternion=quaternions(turn), scale=scale)
     if t.has("soc"):
         _log_bar(stream, lane, t, starts, hidden)
 
@@ -239,7 +235,6 @@ def _log_trail(stream: Stream, lane: Lane, t: Trajectory, floor: Floats, limit: 
     flat, begin = xyz[row], np.cumsum(length) - length
     span = np.maximum.reduceat(flat, begin) - np.minimum.reduceat(flat, begin) if len(row) else flat
     shown = span.max(axis=1, initial=0.0) > 0.05
-    strips = as_strips(flat[np.repeat(shown, length)], length[shown])
     path, when = lane.path("trail"), t.time[row[begin + length - 1][shown]]
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.8), colors=[lane.colour]))
-    stream.rows(path, when, rr.LineStrips3D, strips=strips)
+    stream.rows(path, when, rr.LineStrips3D, strips=as_strips(flat[np.repeat(shown, length)], length[shown]))

@@ -44,8 +44,7 @@ STAGES = {"waiting": WAITING, "being fetched": (62, 116, 158), "on the forks": (
 CRITICAL, CALM = (232, 65, 60), (130, 190, 220)
 RECORDED, SIMULATED = (230, 159, 0), (86, 180, 233)
 
-# Colour-blind safe; pale is low on paper, dark is low on the viewer's dark ground, and grey or white is zero
-# between two signs.
+# Colour-blind safe; low is pale on paper, dark on the viewer's ground; zero between signs is grey or white.
 PAPER, SCREEN, DIVERGING = "magma_r", "inferno", "RdBu_r"
 SIGNS = ((120, 200, 255), (50, 120, 220), (104, 107, 113), (225, 90, 50), (255, 180, 120))
 """Below zero, zero and above on the dark ground: bright is far from zero."""
@@ -63,8 +62,7 @@ def vehicle_colour(number: int) -> Colour:
     """Colour of the ``number``-th vehicle: seven well separated ones, then hues that never repeat exactly."""
     if number < len(_VEHICLES):
         return _VEHICLES[number]
-    hue = (number * 0.618034) % 1.0
-    r, g, b = colorsys.hls_to_rgb(hue, 0.55 + 0.12 * (number % 3 - 1), 0.7)
+    r, g, b = colorsys.hls_to_rgb(number * 0.618034 % 1.0, 0.55 + 0.12 * (number % 3 - 1), 0.7)
     return int(255 * r), int(255 * g), int(255 * b)
 
 

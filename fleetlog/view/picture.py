@@ -36,8 +36,7 @@ STYLE: Any = {
 }  # fmt: skip
 SOFT, GRID = "#5a5f66", "#e3e6ea"
 MAX_BARS, MAX_LABEL = 40, 28
-SILENCE, NIGHT = 20.0, 6 * 3.6e9
-"""A gap in a curve this many times its usual step, or this long [us], is left out of the time axis."""
+SILENCE, NIGHT = 20.0, 6 * 3.6e9  # A gap of so many usual steps, or so long [us], is left out of the axis
 FEW = 60  # So many points are marked each: one alone is no line
 
 
@@ -84,8 +83,7 @@ def svg(
     """One map or panel of a result as an SVG element: its texts are text, everything it needs is in it.
 
     Without a ``shape``, the map of the site with the marks.  ``salt`` must differ among the pictures of a
-    page; ``scale`` is that of the map where several share it; ``zone`` the time zone, by default the site's.
-    """
+    page; ``scale`` is the map's where several share it; ``zone`` the time zone, by default the site's."""
     own: Any = {"font.size": 10.0, "legend.fontsize": 9.0, "svg.fonttype": "none", "svg.hashsalt": salt}
     with matplotlib.rc_context({**STYLE, **own}):
         if isinstance(shape, Panel):

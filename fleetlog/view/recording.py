@@ -27,7 +27,7 @@ from fleetlog.store.days import each_day
 from fleetlog.view import blueprint, clock, events, palette
 from fleetlog.view import fleet as of
 from fleetlog.view.clock import SKIPPED, Clock, clock_of, dataset_outline, opened
-from fleetlog.view.fleet import Fleet, curve_style, log_day
+from fleetlog.view.fleet import FIELDS, Fleet, curve_style, log_day
 from fleetlog.view.palette import Colour
 from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body, truck_fork
 from fleetlog.view.scene import log_site, log_ways, ways_of
@@ -46,7 +46,6 @@ FIGURES: dict[str, tuple[str, float]] = {
     "waiting_s": ("waiting: {:,.1f} h", 1.0 / 3600.0),
 }  # fmt: skip
 """Figures of an import or a simulation that are shown, with the factor to the unit in which they are."""
-FIELDS = ("x", "y", "z", "heading", "speed", "battery_power", "soc", "payload", "fork_height")
 STEP_RATE = 1.0  # Steps a second of many trucks at most
 BLOCK = 400_000  # Positions held in memory at once
 MOVING = 0.2
@@ -206,20 +205,15 @@ def _log_block(stream: Stream, fleet: Fleet, time: Ints, v: dict[str, Singles]) 
     lifted = np.column_stack([v[c][loaded] for c in "xyz"])
     lifted[:, 2] += np.nan_to_num(v["fork_height"][loaded])
     for part, here, places in (("bodies", known, xyz), ("loads", loaded, lifted)):
-        stream.rows(
-            entity(name, "trucks", part), time, rr.InstancePoses3D, here.sum(axis=1),
-            translations=places, quaternions=of.quaternions(np.nan_to_num(v["heading"][here])),
-        )  # fmt: skip
-    stream.rows(
-        entity(name, "trucks", "charge"), time, rr.Points3D, known.sum(axis=1),
-        positions=xyz + np.array([0.0, 0.0, 3.0], np.float32), colors=palette.soc_colours(v["soc"][known]),
-    )  # fmt: skip
+        path, turns = entity(name, "trucks", part), of.quaternions(np.nan_to_num(v["heading"][here]))
+        stream.rows(path, time, rr.InstancePoses3D, here.sum(axis=1), translations=places, quaternions=turns)
+    path, above = entity(name, "trucks", "charge"), xyz + np.array([0.0, 0.0, 3.0], np.float32)
+    colours = palette.soc_colours(v["soc"][known])
+    stream.rows(path, time, rr.Points3D, known.sum(axis=1), positions=above, colors=colours)
     moving = (known & ~(v["speed"] <= MOVING))[::TRAIL_EVERY]
     trail = np.column_stack([v[c][::TRAIL_EVERY][moving] for c in "xyz"])
-    stream.rows(
-        entity(name, "trail", "fleet"), time[::TRAIL_EVERY], rr.Points3D, moving.sum(axis=1),
-        positions=trail + np.array([0.0, 0.0, 0.1], np.float32),
-    )  # fmt: skip
+    path, trail = entity(name, "trail", "fleet"), trail + np.array([0.0, 0.0, 0.1], np.float32)
+    stream.rows(path, time[::TRAIL_EVERY], rr.Points3D, moving.sum(axis=1), positions=trail)
     if (frame := fleet.dataset.site.frame) is not None:
         seen, path = known[::MAP_EVERY], entity(name, "geo", "fleet")
         where = np.column_stack(frame.to_geographic(*(v[c][::MAP_EVERY][seen] for c in "xy")))

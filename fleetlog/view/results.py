@@ -30,8 +30,7 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
     outline = shapes_outline(result, site)
     extent = around(outline)
     moving = [s.time for s in result.shapes if isinstance(s, MovingLines)]
-    curves = (np.asarray(s.x) for s in _curves(result))
-    times = np.concatenate([np.zeros(0, np.int64), *moving, *curves])
+    times = np.concatenate([np.zeros(0, np.int64), *moving, *(np.asarray(s.x) for s in _curves(result))])
     clock = skipping(np.unique(times // MINUTE))
     with open_stream(Path(out_rrd), f"{site.name}, {result.name}") as stream:
         stream.clock = clock
@@ -126,11 +125,9 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     low = ("≤ " if scale.clipped and scale.diverging else "") + _short(scale.low)
     # What it shows stands beside the bar: below it a long label covers the numbers.
     spots = [*((x, y - thick) for x in xs[[0, 32, 64]]), (x0 + 0.78 * span, y + thick)]
-    ends = rr.Points3D(
-        [[*spot, 0.1] for spot in spots], labels=[low, _short(float(scale.at(np.array(0.5)))), top, label],
-        radii=ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
-    )  # fmt: skip
-    stream.static(f"{path}/scale/ends", ends)
+    texts = [low, _short(float(scale.at(np.array(0.5)))), top, label]
+    look: Any = {"radii": ui_points(0.5), "colors": [(225, 228, 235)], "show_labels": True}
+    stream.static(f"{path}/scale/ends", rr.Points3D([[*spot, 0.1] for spot in spots], labels=texts, **look))
     how = "blue below zero, orange above" if scale.diverging else "dark is low, bright is high"
     return f"**{label}**: {low} to {top} ({how})"
 
@@ -141,10 +138,8 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> None:
     pads = [(ribbons.disc(x, y, r, 0.09, inner=hole * r), colour) for (x, y), r in spots]
     stream.static(f"{path}/rings", ribbons.mesh3d(pads))
     where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
-    points = rr.Points3D(
-        where, radii=ui_points(3.0), colors=[colour], labels=list(marks.labels), show_labels=len(where) <= 30
-    )
-    stream.static(f"{path}/labels", points)
+    texts: Any = {"labels": list(marks.labels), "show_labels": len(where) <= 30}
+    stream.static(f"{path}/labels", rr.Points3D(where, radii=ui_points(3.0), colors=[colour], **texts))
 
 
 def _log_flows(stream: Stream, path: str, flows: Flows) -> None:

@@ -1,5 +1,4 @@
-"""Shapes in metres: roads, arrows, discs, extruded polygons and trucks as triangles (m, 3, 3), flat shaded;
-arcs, rings and bolts as lines."""
+"""Shapes [m]: roads, arrows, discs, prisms and trucks as triangles (m, 3, 3); arcs, rings, bolts as lines."""
 
 import itertools
 from collections.abc import Sequence

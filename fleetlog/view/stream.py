@@ -82,8 +82,7 @@ class Stream:
 
 
 def as_strips(strips: Sequence[Singles] | pa.Array, lengths: Ints | None = None) -> pa.Array:
-    """Strips, each (n, 3), as Rerun keeps them: its own conversion calls Python often for every strip. Or all
-    their points (N, 3), and ``lengths``."""
+    """Strips (n, 3), or all points (N, 3) and ``lengths``, as Rerun keeps them: its own way is far slower."""
     if isinstance(strips, pa.Array):
         return strips
     if lengths is None:
@@ -123,9 +122,8 @@ def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Itera
 
 @contextmanager
 def _pipe_into(path: Path) -> Iterator[str]:
-    """The name of a pipe: what is written into it goes to the file ``path``. Rerun's own writer of files ends
-    at the first error of the disk, unheard, and whoever waits for it then may wait forever; a pipe takes
-    everything, and the error is raised here."""
+    """The name of a pipe into the file ``path``. Rerun's own writer of files ends at the first error of the
+    disk, unheard, and who waits for it may wait forever; a pipe takes all, and the error is raised here."""
     receive, send = os.pipe()
 
     def copy() -> None:
@@ -153,8 +151,7 @@ def _unwritten(path: Path, why: str) -> OutputError:
 
 def check_whole(path: Path) -> None:
     """Raise :class:`OutputError` unless an .rrd file ends as a closed one does, at the length that it states.
-    The last bytes of Rerun's format: per manifest its start, length (64 bits each) and checksum, then
-    ``RRF2FOOT`` and the number of manifests."""
+    Its last bytes: per manifest start, length (64 bits each), checksum; ``RRF2FOOT``, number of manifests."""
     with path.open("rb") as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(size - _FOOTER.size, 0))

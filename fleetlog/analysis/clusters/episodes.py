@@ -1,5 +1,4 @@
-"""Clusters followed over time: episodes with hysteresis, births, merges and splits; and the critical areas of
-the road network that episodes gather to, ranked by delay.
+"""Clusters followed over time: episodes with hysteresis, births, merges, splits; the areas of most delay.
 
 A cluster at one step continues the cluster of the step before whose members it shares most (Jaccard share of
 at least one half; Kalnis, Mamoulis and Bakiras 2005, "moving clusters").  Two disjoint clusters cannot both
@@ -84,8 +83,7 @@ def _overlaps(c: Crowds, step: int) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Watched:
-    """What was looked at: vehicles, and the time grid from ``start`` to before ``stop`` in steps [us]; in
-    ``silent`` of it nobody was recorded."""
+    """The vehicles, and the time grid from ``start`` to before ``stop`` [us]; ``silent`` of it has no row."""
 
     vehicles: tuple[str, ...]
     start: int

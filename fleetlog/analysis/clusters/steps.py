@@ -170,19 +170,13 @@ def _clusters(fleet: Snapshots, edge: Index, network: Network, near: Near, rule:
     at = np.repeat(np.arange(len(arc_first) - 1), np.diff(arc_first))
     ends = [network.position(fleet.edge[at, v], fleet.offset[at, v])[:, :2] for v in arcs.T]
     critical = mean[at * trucks + labels[at, arcs[:, 0]]] < rule.limit
-    return Crowds(
-        fleet.vehicles,
-        {
-            "time": fleet.time[step], "label": label, "size": size[several], "mean_speed": mean[several],
-            "slow_share": slow[several],
-        },
-        {
-            "truck": truck, "edge": fleet.edge[row, truck], "offset": fleet.offset[row, truck],
-            "speed": speed[order],
-        },
-        {"time": fleet.time[at], "ends": np.stack(ends, axis=1), "critical": critical},
-        np.zeros((2, 7)), int((fleet.edge >= 0).any(axis=1).sum()),
-    )  # fmt: skip
+    clusters = {"time": fleet.time[step], "label": label, "size": size[several]}
+    clusters |= {"mean_speed": mean[several], "slow_share": slow[several]}
+    members = {"truck": truck, "edge": fleet.edge[row, truck], "offset": fleet.offset[row, truck]}
+    members |= {"speed": speed[order]}
+    joining = {"time": fleet.time[at], "ends": np.stack(ends, axis=1), "critical": critical}
+    seen = int((fleet.edge >= 0).any(axis=1).sum())
+    return Crowds(fleet.vehicles, clusters, members, joining, np.zeros((2, 7)), seen)
 
 
 def _counts(c: Crowds, limit: float) -> tuple[float, ...]:

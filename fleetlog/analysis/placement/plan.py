@@ -228,10 +228,8 @@ def weigh(units: list[Unit], q: Question) -> Weighed:
     else:
         teleport = urgent if q.variant == "urgency" and urgent.any() else None
         ranks = rank(flow_counts(visits, n), q.alpha, teleport)
-    options = {
-        "urgency": urgent, "standing": total(units, "standing"), "visits": share, "rank": ranks,
-        "loading": total(units, "loading"),
-    }  # fmt: skip
+    options = {"urgency": urgent, "visits": share, "rank": ranks}
+    options |= {what: total(units, what) for what in ("standing", "loading")}
     used, notices = str(q.demand), []
     while used in NEXT_BEST and not options[used].any():
         why, used = NEXT_BEST[used]

@@ -141,9 +141,8 @@ def _check_lines(c: dict[str, Any]) -> list[str]:
 def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Settings) -> dict[str, Any]:
     """Simulate ``before`` (the site's own chargers) and ``after`` (``sites``: x, y, plugs), all else equal.
 
-    Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads,
-    they are random, and then only the seed is the same.  The power of a planned plug is that of the site's
-    first charger that states one."""
+    Tasks are drawn like the recorded ones, with the same seed for both; where no loads were recorded they are
+    random, only their seed the same.  A planned plug has the power of the first charger that states one."""
     if dataset.kind == "recorded" and dataset.span is not None:
         settings = replace(settings, start=dataset.span[0])
     of = settings.vehicles, settings.start, settings.duration, settings.seed
@@ -164,9 +163,8 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Sett
         out[name] = {
             "plugs": plugs, "soc_lowest": s.soc_lowest, "soc_mean": s.soc_mean,
             "soc_end_mean": float(np.mean(s.soc_end)), "soc_end_lowest": min(s.soc_end),
-            "waiting_for_plug_h": s.limits.waiting_s["chargers"] / 3600.0,
-            "empty_trucks": len(s.count.empty), "tasks_given": s.count.tasks_given,
-            "tasks_done": s.count.tasks_done, "charges": s.count.charges,
+            "waiting_for_plug_h": s.limits.waiting_s["chargers"] / 3600.0, "empty_trucks": len(s.count.empty),
+            "tasks_given": s.count.tasks_given, "tasks_done": s.count.tasks_done, "charges": s.count.charges,
             "charged_kwh": s.charged_wh / 1000.0, "driven_km": s.distance_m / 1000.0, "notes": s.notes,
         }  # fmt: skip
     return out | {"notes": notes}

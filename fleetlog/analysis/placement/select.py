@@ -1,7 +1,6 @@
 """Choosing at most k sites: p-median, spaced top-k, maximal covering; with forced and forbidden sites.
 
-All distances are from demand (row) to site (column), since trucks drive towards the charger.  Ties go to the
-smallest vertex number."""
+Distances are from demand (row) to site (column), the way to the charger.  Ties go to the smallest number."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -13,14 +13,12 @@ from fleetlog.errors import SiteError
 
 __all__ = ["Element", "parse_xml", "read_json"]
 
-_LATE = re.compile(rb"\A(?>\s*(?:<!--(?>.*?-->)\s*)+)(?=<\?xml)", re.DOTALL)
-"""Comments before an XML declaration."""
+_LATE = re.compile(rb"\A(?>\s*(?:<!--(?>.*?-->)\s*)+)(?=<\?xml)", re.DOTALL)  # Comments before a declaration
 
 
 def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
-    """The root element, namespaces taken off; :class:`SiteError` in one line where it is not well formed.
-    Files that declare entities are refused: a map has no use for them. A comment before the XML declaration,
-    which some tools write, is passed over and noted."""
+    """The root element, namespaces taken off; :class:`SiteError` where it is not well formed, or declares
+    entities: a map has no use for them. A comment before the XML declaration is passed over and noted."""
     data, late = _LATE.subn(b"", read_whole(path, error=SiteError))
     if late:
         notes.append("the XML declaration stands behind a comment, which is passed over")
@@ -46,9 +44,8 @@ def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
 
 def read_json(path: Path) -> Any:
     """What a file says, or a :class:`SiteError` that names the line."""
-    data = read_whole(path, error=SiteError)
     try:
-        return json.loads(data.decode("utf-8-sig"))
+        return json.loads(read_whole(path, error=SiteError).decode("utf-8-sig"))
     except json.JSONDecodeError as error:
         what = f"not valid JSON: {error.msg}"
         raise SiteError(what, place=f"line {error.lineno}", do="correct the file") from None

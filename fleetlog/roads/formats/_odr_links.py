@@ -17,13 +17,11 @@ from fleetlog.roads.formats._documents import Element
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, End, LaneEnd, Road, contact
 from fleetlog.roads.formats.base import Tally, at, number
 
-Pair = tuple[LaneEnd, LaneEnd] | None
-"""Two lane ends that a link joins; None where one of their roads does not exist."""
+Pair = tuple[LaneEnd, LaneEnd] | None  # Two lane ends that a link joins; None where one has no road
 
 
 def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> list[tuple[str, str]]:
-    """The allowed turns, (edge id, next edge id), of the tally's lanes, whose nodes are lane ends. Lane ends
-    that touch become one node; dead ends are noted."""
+    """The allowed turns, (edge id, next edge id), of the tally's lanes; ends that touch become one node."""
     import networkx as nx
 
     lanes, touching = tally.edges, _touching(roads, junctions, tally)

@@ -49,8 +49,7 @@ class RoadMap:
 
 @dataclass(frozen=True)
 class Reader:
-    """A map format. ``read`` gives a file as a :class:`RoadMap`; its :class:`SiteError` says the place in it,
-    the caller adds the file."""
+    """A map format. ``read`` gives a :class:`RoadMap`; its :class:`SiteError` says the place in the file."""
 
     name: str
     suffixes: tuple[str, ...]  # lower case, with the dot

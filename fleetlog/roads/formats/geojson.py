@@ -2,8 +2,7 @@
 
 Properties: ``id``, optionally ``from`` and ``to`` (nodes), ``oneway`` (default false), ``speed_limit`` [m/s],
 ``width`` [m].  A two-way road ``r`` becomes the edges ``r`` and ``-r``.  Where no road names its nodes, ends
-that coincide are one node, and a road is split, as ``r:0``, ``r:1`` ..., at an inner vertex where another
-road has a vertex too."""
+that coincide are one node, and a road is split, as ``r:0``, ``r:1`` ..., at inner vertices that it shares."""
 
 import difflib
 import math
@@ -122,8 +121,7 @@ def _positive(value: Any, key: str) -> float:
 
 
 def _join_lines(lines: list[Edge], split: bool, tally: Tally) -> Iterator[Edge]:
-    """Lines in degrees with the nodes "" named; ``road`` stays. Inner vertices that lie on a vertex of
-    another road split theirs where ``split``."""
+    """Lines in degrees with the nodes "" named; where ``split``, cut at inner vertices shared with others."""
     first = np.concatenate([[0], np.cumsum([len(line.points) for line in lines])])
     owner = np.repeat(np.arange(len(lines)), np.diff(first))
     place = _places(np.concatenate([line.points for line in lines]), owner, first)

@@ -3,9 +3,8 @@
 A navigation graph is in metres.  A building is in metres too, in degrees (wgs84), or drawn in pixels, y down:
 then the measurements of its reference level give the scale, and fiducials lay the other levels over that one.
 Where a reference system is named, the map has its place on earth.  A lane is two-way where it says so.
-Several levels are kept in one network, their nodes and places named ``LEVEL/...`` where there are more than
-one.  Chargers, parking spots, dispensers (pick) and ingestors (drop) become places.  Source: the tools of
-github.com/open-rmf/rmf_traffic_editor."""
+Several levels are kept in one network, their nodes and places named ``LEVEL/...``.  Chargers, parking spots,
+dispensers (pick) and ingestors (drop) become places.  Source: github.com/open-rmf/rmf_traffic_editor."""
 
 import math
 from pathlib import Path
@@ -52,10 +51,11 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
             said = {"name": row[3], **_options(row)} if len(row) > 3 else _options(row)
             if kind := next((kind for mark, kind in MARKS if said.get(mark)), None):
                 tally.stop(f"{front}{said.get('name') or k}", kind, spots[k])
-    nothing, do = f"no lane in it: {len(levels)} levels", "export it with its lanes"
     earth = _earth(top, tally.edges) if system == "cartesian_meters" else None
-    more: dict[str, Any] = {"geographic": system == "wgs84", "geographic_of": earth}
-    return tally.road_map("Open-RMF", nothing, do, has_elevation=False, **more)
+    return tally.road_map(
+        "Open-RMF", f"no lane in it: {len(levels)} levels", "export it with its lanes",
+        geographic=system == "wgs84", geographic_of=earth, has_elevation=False,
+    )  # fmt: skip
 
 
 def _document(path: Path) -> dict[str, Any]:

@@ -2,8 +2,7 @@
 
 Read: plan view (line, arc, spiral, poly3, paramPoly3), elevation, superelevation, lane offset, widths and
 borders, lane links, junctions (direct ones too), rule (RHT, LHT), lane directions, speeds, geoReference with
-the offset of the header.  Left out: virtual junctions, road shape and surface, objects, signals, railroads,
-included files."""
+its header's offset.  Left out: virtual junctions, road shape, surface, objects, signals, rails, includes."""
 
 import math
 import re
@@ -110,8 +109,7 @@ def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Itera
     points, name = _centre_line(road, section, lane), f"{road.id}:{k}:{lane.id}"
     # The limit on the greatest part of the section, the lane's or else the road's.
     limit, longest = math.nan, 0.0
-    records = [*sorted(lane.speeds or road.speeds), (math.inf, math.nan)]
-    for (s, speed), (until, _) in pairwise(records):
+    for (s, speed), (until, _) in pairwise([*sorted(lane.speeds or road.speeds), (math.inf, math.nan)]):
         part = min(until, section.end) - max(s, section.start)
         if part > longest + 1e-9:
             limit, longest = speed, part

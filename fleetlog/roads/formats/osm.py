@@ -1,7 +1,7 @@
 """OSM XML: ways with a ``highway`` tag of a driven class, split where they meet; turn restrictions at nodes.
 
 A way ``123`` that meets no other in its middle is the road ``123``, else its parts are ``123:0``, ``123:1``
-...  Source of the tags: wiki.openstreetmap.org, Key:highway, Key:oneway, Relation:restriction.
+...  Source of the tags: wiki.openstreetmap.org, Key:highway, Key:maxspeed, Key:oneway, Relation:restriction.
 
 Lanelet2 maps are OSM XML whose relations are lanelets, read by that library (the extra ``lanelet2``).  A
 lanelet that vehicles may use is an edge along its centre line, one that goes both ways two; lanelets follow
@@ -51,8 +51,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     forbidden = _forbidden(root, parts, tally)
     nothing = f"no driven road in {tally.read} ways with a highway tag"
     do = "name the driven classes as road_classes under [network] in a site.toml"
-    more = {"geographic": True, "forbidden": forbidden, "has_elevation": False}
-    return tally.road_map("OSM XML", nothing, do, **more)
+    return tally.road_map("OSM XML", nothing, do, geographic=True, forbidden=forbidden, has_elevation=False)
 
 
 def _tags(element: Element) -> Tags:
@@ -139,8 +138,7 @@ def osm_width(text: str) -> float:
 
 
 def osm_speed(text: str) -> float:
-    """Lowest limit [m/s] of an OSM ``maxspeed`` text, NaN where unknown; plain numbers are km/h. Source:
-    wiki.openstreetmap.org/wiki/Key:maxspeed."""
+    """Lowest limit [m/s] of an OSM ``maxspeed`` text, NaN where unknown; plain numbers are km/h."""
     form = r"\s*(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?\s*"
     values = [re.fullmatch(form, part.strip(" '\"[]")) for part in re.split(r"[;,|]", text)]
     speeds = [float(m[1]) * SPEED_UNITS[m[2] or "km/h"] for m in values if m]

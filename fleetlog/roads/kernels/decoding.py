@@ -89,8 +89,7 @@ def model_of(
 @fast_inner
 def _links(x: Model, step: Step, c: int, b: int, slot: Wide, row: Floats) -> None:
     """Chance of every step from candidate c to those from b on into ``row``, where it is more than is there:
-    exp(-|network distance - travelled distance| / scale), less by a turn in mid edge and where it enters
-    another edge."""
+    exp(-|network distance - travelled distance| / scale), less by a turn in mid edge or into another edge."""
     e, s = x.edge[c], x.offset[c]
     moved, scale, reach, enter, turn = step
     left, first = x.length[e] - s, x.begin[e]

@@ -63,8 +63,7 @@ def roomier(store: Store) -> Store:
 def ensure(store: Store, roads: Roads, source: int, bound: float) -> Any:
     """Store everything within ``bound`` of the end of ``source``; whether there was room for it.
 
-    Dijkstra's algorithm over edges: those whose start is within ``bound``, nearest first. ``best`` is
-    infinite on entry and again on return."""
+    Dijkstra's algorithm over edges that start within ``bound``; ``best`` is infinite on entry and return."""
     if store.known[source] >= bound:
         return True
     onward, follow, best, before = roads.next_first, roads.next_edges, store.best, store.before

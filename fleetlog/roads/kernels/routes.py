@@ -24,13 +24,12 @@ def build_routes(
     capacity, n, stretches = groups + LONGEST, -1, 0
     path, firsts = np.empty(LONGEST, np.int32), np.empty(groups + 1, np.int64)
     spans, (of, piece) = np.empty((2, groups), np.int64), np.full((2, groups), -1)
+    given = store, roads, near.edge, near.offset, choice.chosen, choice.linked, moved, back, path
     while n < 0:
         capacity *= 2
         columns = np.empty(capacity, np.int32), *np.empty((3, capacity))
         room = Routes._make([*columns, firsts, spans, of, piece, np.zeros(groups)])
-        n, stretches = _build(
-            store, roads, near.edge, near.offset, choice.chosen, choice.linked, moved, back, path, room
-        )
+        n, stretches = _build(*given, room)
     firsts, spans = firsts[: stretches + 1], spans[:, :stretches].copy()
     return Routes._make([*(c[:n].copy() for c in columns), firsts, spans, of, piece, room.centre])
 
@@ -107,15 +106,13 @@ def route_posterior(choice: Choice, near: Candidates, routes: Routes) -> Floats:
         apart = (routes.firsts[routes.of] > other) | (routes.firsts[routes.of + 1] <= other)
         on |= near.edge == np.repeat(np.where(apart, -1, edge[other]), size)
     group = np.repeat(np.arange(len(size)), size)[on]
-    chance = choice.posterior[np.flatnonzero(on) + group]
-    return np.minimum(np.bincount(group, chance, len(size)), 1.0)
+    return np.minimum(np.bincount(group, choice.posterior[np.flatnonzero(on) + group], len(size)), 1.0)
 
 
 @kernel()
 def astar(graph: Graph, source: int, target: int, most: float) -> tuple[Index, Floats]:
-    """Cheapest chain of edges from ``source`` to ``target``; and the cost at each.  Empty if there is none,
-    or none whose cost up to the target is below ``most``.  Among equal costs the predecessor with the lower
-    number wins.
+    """Cheapest chain of edges from ``source`` to ``target``, and the cost at each.  Empty if none has a cost
+    below ``most`` up to the target.  Among equal costs the predecessor with the lower number wins.
 
     The ``graph`` has ``next_first`` and ``next_edges``, the cost of driving all of an edge, that of the turn
     next_edges[k], closed edges, starts (E, 3), and cost per metre: times the straight line never more than
