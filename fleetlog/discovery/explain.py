@@ -109,6 +109,13 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     pair = [found.base, refit(sample, found.base.model, best, steps=1, known=sums)] if best else []
     without = {h: final.without(h) for h in named}
     fit, judged, rest, lasting = judge(problem, before.model, final, without, beside, pair, asked.share)
+    if refuted := [h for h in told if h in judged and judged[h].refuted]:
+        # The search found it, but on trips that nothing has read it predicts worse than nothing.
+        model = found.joint.model
+        for h in refuted:
+            model = replace(found.joint, model=model).without(h)
+        left = tuple(h for h in found.joint.chosen if h not in refuted)
+        return explain(asked, base, (replace(found, joint=refit(sample, model, left)), sample.noise))
     values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
     findings = []
     for h in told:
@@ -125,7 +132,9 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     if not beside and problem.split.kind != "stretches" and others.lasts(lasting, channel, settings):
         findings.append(others.of_lasting(lasting, fit))
     order = sorted(findings, key=lambda f: -f.strength)
-    unexplained = rest is not None and _above_floor(problem, rest, fit.floor)
+    # What predicts worse than the nominal model, all together, explains nothing.
+    worse = bool(fit.before and fit.after and fit.after > settings.at_floor * fit.before)
+    unexplained = worse or (rest is not None and _above_floor(problem, rest, fit.floor))
     if not findings and not unexplained:
         fit.reason = fit.reason or _hidden(asked, fit.floor)
     taken = {k for h in told for k in h.knobs}

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import percentile_filter
 
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.trajectory import Trajectory
@@ -24,6 +25,8 @@ from fleetlog.physics.term import GRAVITY, Term
 STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 """Share of a window from which on it is a standstill, and up to which it is none; power above the usual that
 shows hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
+AROUND, SELDOM = 41, 0.02
+"""Standstills in a row that tell the usual power; of a truck that lifts more than this share show it."""
 LEAST_SWING = 1.0  # Rows that scatter by less than this [W] are as good as a logger writes them
 MOST_HUNTED = 6  # Roads on which trucks may hunt for their speed in a way of their own
 SILENCE = 0.05  # Of a window, that the log may be silent beside it: half of that is its error
@@ -47,6 +50,7 @@ class EnergyChannel(Channel):
     charge_step: float = 0.0  # Step in which the state of charge is logged
     power_step: float = 0.0  # Step in which power is logged [W]
     between: Between | None = None  # What recorded power lacks between rows
+    climbs: bool = False  # Slopes are those of heights that the log shows itself
 
     def __post_init__(self) -> None:
         self.metric = f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
@@ -100,6 +104,8 @@ class EnergyChannel(Channel):
         ``final``: where rows miss much, learn to tell recorded power from the motion, too."""
         changed = size = 0.0
         seen = list(self._looked_at(settings))
+        flat = self.fleet.network is None or not self.fleet.network.has_elevation
+        self.climbs = flat and any(unit.own.motion.slope.any() for unit, _, _ in seen)
         for unit, use, rows in seen:
             change = self._thinned(unit, self.fleet.block(unit.own.block.vehicle, rows[::2]))
             changed += float((change[use] ** 2).sum())
@@ -176,8 +182,9 @@ class EnergyChannel(Channel):
         return np.where(known, energy * unit.windows.duration / np.maximum(seconds, 1e-9) - now, 0.0)
 
     def _seen_lifts(self, c: Cut, seconds: Floats, energy: Floats) -> Mask:
-        """(W,) windows without hydraulics that nothing shows: a log without fork height has lifts at
-        standstill all the same. Only windows with hardly any, and standstills of usual power, count then."""
+        """(W,) windows without hydraulics that nothing shows: a log without fork height may have lifts at
+        standstill all the same. Only windows with hardly any, and standstills of the power that is usual
+        around that time, count then; all of them where no standstill has more."""
         lifting = self.fleet.truck.chassis.rated_load > 0.0 and not self.fleet.has("fork_height")
         if self.measured or not lifting:
             return np.ones(c.count, bool)
@@ -187,8 +194,11 @@ class EnergyChannel(Channel):
         if not still.any():
             return np.asarray(share < PASSING)
         # Lifting only adds to the power of a standstill.
-        off = np.abs(rate - np.quantile(rate[still], 0.25))
-        return np.asarray((share < PASSING) | (still & (off < LIFTS)))
+        off = rate[still] - percentile_filter(rate[still], 25, AROUND)
+        if np.mean(off > LIFTS) < SELDOM:
+            return np.ones(c.count, bool)
+        still[still] = np.abs(off) < LIFTS
+        return np.asarray((share < PASSING) | still)
 
     def _on_the_clock_of_charge(self, block: Block) -> Block:
         """The block with its power moved by its lag, where the state of charge then follows it better."""
@@ -232,6 +242,8 @@ class EnergyChannel(Channel):
         if self.name == "soc":
             acting.add("loss")
         able = [t for t in all_terms().values() if self.places or not (t.field or "heading" in t.depends_on)]
+        # Heights that are known leave no slope to be found: what noise they have is none of a place.
+        able = [t for t in able if not (t.odd and self.climbs)]
         return [t for t in able if t.acts in acting and t.parameters]
 
     def curves(self) -> list[FreeCurve]:

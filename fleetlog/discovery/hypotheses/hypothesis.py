@@ -187,7 +187,9 @@ def _numbers(term: Term, scope: Scope) -> Iterator[Hypothesis]:
         return
     grid: list[tuple[tuple[str, float], ...]] = [()]
     for p in (p for p in term.parameters if p.shape):
-        grid = [(*g, (p.name, float(v))) for g in grid for v in np.linspace(p.low, p.high, SHAPES + 2)[1:-1]]
+        # No threshold is told at its bound; but a load may well go out as soon as the truck stands.
+        values = np.linspace(p.low, p.high, SHAPES + 2)[int(p.bounds is not None) : -1].tolist()
+        grid = [(*g, (p.name, v)) for g in grid for v in values]
     knobs = [Knob(term.name, p.name, scope) for p in amplitudes]
     for some in (*((k,) for k in knobs), *combinations(knobs, 2)):
         for setting in grid:
