@@ -34,7 +34,8 @@ MEASURES = {
     "waiting_share": "share of the trucks' time spent waiting [%]",
     "energy_per_task_wh": "energy per task done [Wh]",
 }  # fmt: skip
-"""What is drawn and compared, and how it is called."""
+"""What is drawn and compared, and how it is called; a share is 0 to 1, and told in per cent."""
+EXPERIMENT = 2  # Version of ``experiment.json`` and its tables
 MOST = 10_000  # Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand
 NONE = "none"  # The value of a factor that leaves the scenario as it is
 
@@ -207,16 +208,23 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
     for (number, seed, values, _), outcome in zip(plan, results, strict=True):
         rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
         progress("experiment", len(rows) / len(plan))
-    runs = pd.DataFrame(rows).sort_values(["variant", "seed"], ignore_index=True)
+    return compared(pd.DataFrame(rows).sort_values(["variant", "seed"], ignore_index=True), factors)
+
+
+def compared(runs: pd.DataFrame, factors: Sequence[Factor]) -> Result:
+    """What the runs of an experiment say; :class:`DataError` where none was possible."""
     if "tasks_done" not in runs:
         raise DataError(f"no run is possible: {runs.error[0]}", do="change the site or what is varied")
     table = _compared(runs, [f.name for f in factors])
     summary = {
-        "factors": {f.name: list(f.values) for f in factors}, "seeds": [b.settings.seed for b in bases],
-        "variants": table.to_dict("records"),
+        "format_version": EXPERIMENT, "factors": {f.name: list(f.values) for f in factors},
+        "seeds": runs.seed.drop_duplicates().tolist(), "variants": table.to_dict("records"),
     }  # fmt: skip
     tables = {"runs": runs, "variants": table}
-    return Result("experiment", summary, tables, {}, _shapes(runs, factors), _lines(table, factors))
+    rows = told_rows(table, factors)
+    wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in rows]
+    return Result("experiment", summary, tables, {}, _shapes(runs, factors), lines)
 
 
 def _measured(outcome: Summary | str) -> dict[str, Any]:
@@ -227,9 +235,9 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
     return {
         "tasks_given": c.tasks_given, "tasks_done": c.tasks_done, "tasks_per_h": c.tasks_done / hours,
         "task_wait_s": s.limits.task_wait_s["mean"], "task_wait_p95_s": s.limits.task_wait_s["p95"],
-        "waiting_share": 100.0 * s.waiting_s / (s.vehicles * s.duration_s),
+        "waiting_share": s.waiting_s / (s.vehicles * s.duration_s),
         **{f"waiting_{k.replace(' ', '_')}_h": v / 3600.0 for k, v in s.limits.waiting_s.items()},
-        "busy_share": 100.0 * next(r.utilisation for r in s.limits.resources if r.kind == "trucks"),
+        "busy_share": next(r.utilisation for r in s.limits.resources if r.kind == "trucks"),
         "distance_km": s.distance_m / 1000.0, "energy_kwh": s.energy_wh / 1000.0,
         "charged_kwh": s.charged_wh / 1000.0, "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1),
         "charges": c.charges, "soc_lowest": s.soc_lowest, "longest_wait_s": s.longest_wait_s,
@@ -255,28 +263,31 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
-def _lines(table: pd.DataFrame, factors: Sequence[Factor]) -> list[str]:
-    """The table for the terminal."""
+def told_rows(table: pd.DataFrame, factors: Sequence[Factor]) -> list[list[str]]:
+    """The variants in words, below their heads: intervals, and the change of tasks."""
     head = [*(f.name for f in factors), "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
-    rows = [[*(str(r[f.name]) for f in factors), *_cells(r)] for r in table.to_dict("records")]
-    if not table.task_wait_s.any():
-        head, *rows = ([*row[:-2], row[-1]] for row in [head, *rows])
-    wide = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
-    return ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in [head, *rows]]
-
-
-def _cells(row: Mapping[Any, Any]) -> list[str]:
-    def number(name: str, unit: str = "", sign: str = "") -> str:
-        value, half = row[name], row[f"{name}_ci"]
-        if np.isnan(value):
-            return "-"
-        return f"{value:{sign}.1f}" + (f" ± {half:.1f}" if np.isfinite(half) else "") + unit
-
-    return [
-        number("tasks_per_h"), "" if row["variant"] == 0 else number("tasks_per_h_change", sign="+"),
-        number("waiting_share", " %"), number("energy_per_task_wh"), number("task_wait_s", " s"),
-        str(row["bottleneck"]),
+    rows = [
+        [
+            *(str(r[f.name]) for f in factors), told(r, "tasks_per_h"),
+            "" if r["variant"] == 0 else told(r, "tasks_per_h_change", sign="+"),
+            told(r, "waiting_share", " %"), told(r, "energy_per_task_wh"), told(r, "task_wait_s", " s"),
+            str(r["bottleneck"]),
+        ]
+        for r in table.to_dict("records")
     ]  # fmt: skip
+    return [row if table.task_wait_s.any() else [*row[:-2], row[-1]] for row in [head, *rows]]
+
+
+def told(row: Mapping[Any, Any], name: str, unit: str = "", sign: str = "") -> str:
+    """A mean with its interval, a dash where it is unknown; a share is told in per cent."""
+    value, half = (_scale(name) * row[key] for key in (name, f"{name}_ci"))
+    if np.isnan(value):
+        return "-"
+    return f"{value:{sign}.1f}" + (f" ± {half:.1f}" if np.isfinite(half) else "") + unit
+
+
+def _scale(name: str) -> float:
+    return 100.0 if "_share" in name else 1.0
 
 
 def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
@@ -289,7 +300,8 @@ def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
             continue
         curves = {
             ", ".join(f"{n} {v}" for n, v in zip(rest, key, strict=True)): [
-                group[group[first.name] == v][name].dropna().to_numpy(float) for v in first.values
+                _scale(name) * group[group[first.name] == v][name].dropna().to_numpy(float)
+                for v in first.values
             ]
             for key, group in groups
         }

@@ -42,7 +42,7 @@ def answer(asked: Asked) -> Answer:
     asked.site = _site(asked)
     asked.physics = _physics(asked)
     if _varies(asked):
-        return _experiment(asked, read)
+        return _experiment(asked, read, settings)
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
     create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=read)
     with create(target, "simulated", asked.site) as writer:
@@ -98,7 +98,7 @@ def _physics(asked: Asked) -> Physics:
     return replace(physics, off=physics.off | frozenset(asked.without))
 
 
-def _experiment(asked: Asked, read: list[Path]) -> Answer:
+def _experiment(asked: Asked, read: list[Path], settings: list[Path]) -> Answer:
     factors, fleet = [factor(text) for text in asked.vary], asked.vehicles
     with destination(asked.output, "analysis", asked.overwrite, read) as keep:
         made = [_scenario(asked, seed) for seed in range(asked.seed, asked.seed + asked.runs)]
@@ -110,7 +110,9 @@ def _experiment(asked: Asked, read: list[Path]) -> Answer:
         names = [f.name for f in factors]
         if double := {name for name in names if names.count(name) > 1}:
             raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", where="--vary")
-        return keep(Answer.of(experiment(bases, factors), asked.site))
+        result = experiment(bases, factors)
+        result.summary |= {"site": asked.site.name, "provenance": provenance(settings, asked.seed)}
+        return keep(Answer.of(result, asked.site))
 
 
 def _fleet(asked: Asked, writer: DatasetWriter) -> Told:
