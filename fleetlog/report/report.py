@@ -95,7 +95,7 @@ def _page(facts: list[Facts], rows: list[Row], lead: list[str]) -> str:
     return render(
         "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
         about=[_about(f) for f in facts], tiles=tiles, sections=[*_sections(facts)],
-        key=page_table(rows, [f.name for f in facts]), version=__version__,
+        key=page_table(rows, [f.name for f in facts]), method="method.html", version=__version__,
     )  # fmt: skip
 
 
@@ -114,7 +114,9 @@ def _about(f: Facts) -> list[tuple[str, str]]:
 def _sections(facts: list[Facts]) -> Iterator[tuple[str, list[Part]]]:
     """Title and a part for each dataset; at last what analyses of other packages say and draw."""
     for title, make in SECTIONS.items():
-        yield title, [replace(make(f), name=f.name) for f in facts]
+        parts = [replace(make(f), name=f.name) for f in facts]
+        if told := [p for p in parts if p.lines or p.blocks]:
+            yield title, told
         if title == "Energy" and (parts := [Part(f.left_out, name=f.name) for f in facts if f.left_out]):
             yield "What the truck model leaves out", parts
     more: dict[str, list[Part]] = {}
@@ -145,6 +147,7 @@ def _summary(facts: list[Facts], rows: list[Row], lead: list[str]) -> dict[str, 
             **{k: f.dataset.meta[k] for k in ("start", "end")}, "vehicles": len(f.dataset.vehicles),
             "figures": {r.figure.name: r.values[k] for r in rows},
             "left_out": f.left_out, "not_judged": f.missing,
+            "limits": (f.dataset.meta.get("summary") or {}).get("limits"),
         }
         for k, f in enumerate(facts)
     ]  # fmt: skip

@@ -39,6 +39,12 @@ class Limits:
     task_wait_s: dict[str, float]
     """Mean, p95 and longest time from when a task may be done until a truck takes it, or the end [s]."""
 
+    @classmethod
+    def of(cls, told: dict[str, Any]) -> "Limits":
+        """Those that the summary of a dataset tells (:meth:`Summary.to_dict`)."""
+        found, worst = (Resource(**r) for r in told["resources"]), told["bottleneck"]
+        return cls(worst and Resource(**worst), tuple(found), told["waiting_s"], told["task_wait_s"])
+
     def lines(self) -> list[str]:
         """For the terminal."""
         wait, b = self.task_wait_s, self.bottleneck

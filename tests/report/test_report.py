@@ -273,3 +273,88 @@ def test_what_the_report_adds_are_analyses_of_their_own(write, tmp_path: Path, n
     answer = fleetlog.analyze(name, write(trucks, site), output=tmp_path / name)
     assert (tmp_path / name / f"{name}.json").is_file() and (tmp_path / name / f"{name}.png").is_file()
     assert answer.lines and (answer.tables or answer.places)
+
+
+@pytest.fixture(scope="module")
+def sample(project_root: Path) -> dict:
+    folder = project_root / "sample_data"
+    return {"site": folder / "site.toml", "truck": folder / "truck.toml", "recording": False, "seed": 1}
+
+
+def test_a_simulation_says_what_limits_it_and_a_recording_does_not(write, sample) -> None:
+    simulated = fleetlog.simulate(**sample, vehicles=14, duration="10m")
+    found, limits = report(simulated), simulated.summary["limits"]
+    worst, said = limits["bottleneck"], Tags(found.page).text
+    assert "What limits the fleet" in said and limits["one_more"]["statement"][1:] in said
+    assert f"busy for {100 * worst['utilisation']:.0f} % of the time" in " ".join(found.lines)
+    for r in limits["resources"]:
+        assert r["kind"] in said and f"{r['queue']:.1f}" in said and (r["name"] or "–") in said
+    assert found.summary["datasets"][0]["limits"] == limits
+    recorded = fleet(write)
+    assert "What limits the fleet</h2>" not in report(recorded).page
+    both = report([recorded, simulated]).page
+    section = both[both.index("What limits the fleet</h2>") :]
+    assert f"<h3>{simulated.dataset.path.name}</h3>" in section[: section.index("<h2>")]
+
+
+def test_a_planned_fleet_says_how_long_tasks_wait(sample, tmp_path: Path) -> None:
+    tasks = tmp_path / "tasks.csv"
+    tasks.write_text("from,to,earliest\n" + "dock-1,rack-1,0\n" * 6)
+    simulated = fleetlog.simulate(**sample, vehicles=2, duration="10m", tasks=tasks, shadow=False)
+    mean = simulated.summary["limits"]["task_wait_s"]["mean"]
+    assert mean > 0.0 and f"tasks wait {mean:.0f} s for a truck" in Tags(report(simulated).page).text
+
+
+def test_a_longer_stop_at_the_end_of_a_trip_is_no_driving_time(write) -> None:
+    def pair(stop: float) -> pd.Series:
+        rows = [straight("A", (0, 0), (1.0, 0), 60.0), straight("A", (60.0, 0), (0.0, 0), stop, begin=61.0)]
+        found = report(write(rows, name=f"d{stop:.0f}")).tables["trips_between_places"]
+        assert len(found) == 1
+        return found.iloc[0]
+
+    short, long = pair(30.0), pair(600.0)
+    assert long.duration_mean - short.duration_mean == pytest.approx(570.0, abs=2.0)
+    assert long.driving_time_mean == pytest.approx(short.driving_time_mean) == pytest.approx(60.0, abs=2.0)
+
+
+@pytest.fixture(scope="module")
+def experiment(sample, tmp_path_factory) -> fleetlog.Result:
+    folder = tmp_path_factory.mktemp("experiment") / "vehicles & more"
+    return fleetlog.simulate(
+        **sample, vehicles="2..3", vary="policy=opportunity,threshold", runs=2, duration="4m", output=folder
+    )
+
+
+def test_the_page_of_an_experiment_needs_nothing_but_its_folder(experiment, tmp_path: Path) -> None:
+    page = tmp_path / "e.html"
+    status, said = run(experiment.output, "-o", page, "--json")
+    tags = Tags(page.read_text(encoding="utf-8"))
+    assert (
+        status == 0 and json.loads(said)["variants"] == json.loads(json.dumps(experiment.summary))["variants"]
+    )
+    assert not {"script", "link", "iframe", "object", "img"} & set(tags.tags)
+    assert tags.tags.count("svg") == len(experiment.shapes) >= 3
+    for line in experiment.lines:  # every cell of the table in the terminal stands on the page
+        assert all(cell in tags.text for cell in re.split(r"  +", line.strip()))
+    row = experiment.tables["variants"].iloc[-1]
+    assert f"{row.energy_per_task_wh_change:+.1f} ± {row.energy_per_task_wh_change_ci:.1f}" in tags.text
+    assert experiment.summary["provenance"]["command"] in tags.text and "vehicles & more" in tags.text
+    assert "Bottleneck" in tags.text and "Most tasks are done with" in tags.text
+    assert report(experiment).lines == report(experiment.output).lines
+
+
+def test_an_experiment_of_another_version_or_damaged_is_one_line(experiment, tmp_path: Path) -> None:
+    import shutil
+
+    for name, change in {
+        "older": ('"format_version": 2', '"format_version": 1'),
+        "torn": ("seeds", "seed"),
+    }.items():
+        folder = tmp_path / name
+        shutil.copytree(experiment.output, folder)
+        file = folder / "experiment.json"
+        file.write_text(file.read_text().replace(*change))
+        status, said = run(folder, "-o", tmp_path / "r.html")
+        assert status == 1 and "experiment.json" in said and "\n" not in said
+    assert run(experiment.output, experiment.output, "-o", tmp_path / "r.html")[0] == 1
+    assert not (tmp_path / "r.html").exists()
