@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections.abc import Iterable
 from pathlib import Path
 
 import pyarrow as pa
@@ -17,7 +18,13 @@ _PACKING = {".gz": "gzip", ".zst": "zstd"}
 def write(selection: Selection, path: Path) -> None:
     """Times in ISO 8601 UTC, empty cells for null, every digit of a double."""
     schema = selection.schema()
-    text = pa.schema([f.with_type(pa.string()) if f.name == "timestamp" else f for f in schema])
+    write_tables(selection, path, schema, selection.tables(schema))
+
+
+def write_tables(selection: Selection, path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
+    """Tables of one schema, one below the other."""
+    times = {f.name for f in schema if pa.types.is_timestamp(f.type)}
+    text = pa.schema([f.with_type(pa.string()) if f.name in times else f for f in schema])
     packing = _PACKING.get(selection.target.suffix.lower())
     options = pcsv.WriteOptions(quoting_style="needed", include_header=False)
     # Quoted only where a name needs it; Arrow would quote every one.
@@ -26,12 +33,12 @@ def write(selection: Selection, path: Path) -> None:
     with pa.output_stream(str(path), compression=packing) as sink:
         sink.write(header.getvalue().encode())
         with pcsv.CSVWriter(sink, text, write_options=options) as writer:
-            for table in selection.tables(schema):
-                at = table.column_names.index("timestamp")
-                iso = pc.strftime(table.column("timestamp"), format="%Y-%m-%dT%H:%M:%SZ")
-                table = table.set_column(at, "timestamp", iso).cast(text)
+            for table in tables:
                 for i, field in enumerate(text):
-                    if pa.types.is_string(field.type):
+                    if field.name in times:
+                        iso = pc.strftime(table.column(i), format="%Y-%m-%dT%H:%M:%SZ")
+                        table = table.set_column(i, field, iso)
+                    elif pa.types.is_string(field.type):
                         table = table.set_column(i, field, defused(table.column(i)))
                 writer.write_table(table)
 

@@ -46,7 +46,8 @@ def answer(asked: Asked) -> Answer:
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
     create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=read)
     with create(target, "simulated", asked.site) as writer:
-        writer.provenance = provenance([p for p in settings if p.is_file()], asked.seed, like=like)
+        size = {"length": asked.truck.chassis.length, "width": asked.truck.chassis.width}
+        writer.provenance = provenance(settings, asked.seed, like=like, truck=size)
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         writer.summary, lines = run(asked, writer)
         if asked.recording:
@@ -140,7 +141,8 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
         site, demand, notes = demands.like(like, site, truck, vehicles, start, asked.duration, seed, same)
         notes += untold
     if asked.tasks is not None:
-        demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed), endless=False)
+        given = read_tasks(inputs.as_csv(asked.tasks), site, truck, seed, start)
+        demand = Demand(given, endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
     settings = Settings(
         vehicles, asked.duration, asked.step, 1.0 / (asked.rate or 1e-9), start, seed, asked.soc,
