@@ -1,10 +1,8 @@
 """ASAM OpenSCENARIO XML 1.2: every vehicle follows its trajectory, for esmini and the tools that read it.
 
 Positions are world positions in the metres of the site, times seconds after the first row of all.  The road
-network is the map of a site whose map is OpenDRIVE, copied beside the scenario where it is still as it was
-read.  Lost are loads, energy and labels."""
+network is the map that was read of a site whose map is OpenDRIVE.  Lost are loads, energy and labels."""
 
-import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,6 @@ from fleetlog.core.arrays import Floats
 from fleetlog.errors import DataError
 from fleetlog.exporters.base import Selection
 from fleetlog.registry import extra
-from fleetlog.store.documents import digest
 
 LENGTH, WIDTH, HEIGHT = 3.0, 1.2, 2.2
 """Of the box that stands for a truck [m]; a simulation tells length and width of its own."""
@@ -23,13 +20,15 @@ MOST = 1_000_000  # Rows that one scenario holds; it is built in memory
 COLUMNS = ("x", "y", "z", "heading")
 
 
-def write(selection: Selection, path: Path) -> dict[str, Any]:
-    """The scenario of the chosen vehicles; the name of the map that belongs beside it, and whether it is."""
+def write(selection: Selection, path: Path) -> None:
+    """The scenario of the chosen vehicles."""
     xosc = extra("scenariogeneration.xosc", "scenario", "OpenSCENARIO needs the package scenariogeneration")
     motions = _motions(selection)
     begin, end = min(rows[0, 0] for rows in motions.values()), max(rows[-1, 0] for rows in motions.values())
-    told = _road_map(selection)
-    size = selection.dataset.meta["provenance"].get("truck") or {"length": LENGTH, "width": WIDTH}
+    about = selection.dataset.site.source.get("network", {})
+    road_file = str(about.get("path", about.get("file", "")))
+    roads = xosc.RoadNetwork(road_file if road_file.lower().endswith(".xodr") else None)
+    size = {"length": LENGTH, "width": WIDTH, **selection.dataset.meta["provenance"].get("truck", {})}
     entities, init = xosc.Entities(), xosc.Init()
     box = xosc.BoundingBox(size["width"], size["length"], HEIGHT, 0.0, 0.0, 0.5 * HEIGHT)
     axles = (xosc.Axle(1.5, 0.5, 1.0, along * size["length"], 0.25) for along in (0.3, -0.3))
@@ -51,24 +50,10 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
         story.add_maneuver(manoeuvre, vehicle, _when(xosc, "start", 0.0, "start"))
     scenario = xosc.Scenario(
         selection.dataset.site.name, "fleetlog", xosc.ParameterDeclarations(), entities, story,
-        xosc.RoadNetwork(told.get("map")), xosc.Catalog(), osc_minor_version=2,
+        roads, xosc.Catalog(), osc_minor_version=2,
         creation_date=datetime.fromtimestamp(1e-6 * begin, UTC).replace(tzinfo=None),
     )  # fmt: skip
     scenario.write_xml(str(path))
-    return told
-
-
-def _road_map(selection: Selection) -> dict[str, Any]:
-    """The OpenDRIVE map, beside the scenario where the file that was read is found; empty without one."""
-    about = selection.dataset.site.source.get("network", {})
-    name = str(about.get("file", ""))
-    if not name.lower().endswith(".xodr"):
-        return {}
-    places = (selection.target.with_name(name), Path(about.get("path", name)))
-    found = [p for p in places if p.is_file() and digest(p) == about.get("sha256")]
-    if found and found[0] != places[0]:
-        shutil.copyfile(found[0], selection.beside(name))
-    return {"map": name, "map_beside": bool(found)}
 
 
 def _motions(selection: Selection) -> dict[str, Floats]:

@@ -13,7 +13,7 @@ from fleetlog.physics.power import cause
 from fleetlog.report.content import Part, number, picture, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
-from fleetlog.simulate.limits import Limits
+from fleetlog.simulate.limits import told_limits
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP
 
@@ -120,12 +120,11 @@ def limits(f: Facts) -> Part:
     """What limits a simulated fleet, and what one more of it brings; empty where the dataset does not say."""
     if not (told := (f.dataset.meta.get("summary") or {}).get("limits")):
         return Part()
-    lines = [*Limits.of(told).lines(), *(s for s in [told["one_more"].get("statement")] if s)]
-    hours = ", ".join(f"{kind} {s / 3600.0:.2f}" for kind, s in told["waiting_s"].items())
-    lines.append(f"waiting: {sum(told['waiting_s'].values()) / 3600.0:.2f} truck hours ({hours})")
+    lines = [told_limits(told), told["one_more"].get("statement", "")]
+    waits = listed([f"{s / 3600.0:.2f} h for {kind}" for kind, s in told["waiting_s"].items()])
     found = pd.DataFrame(told["resources"]).fillna({"name": "–"})
-    caption = "How busy everything is; of places and junctions, the one that is waited for most"
-    return Part([f"{line[0].upper()}{line[1:]}." for line in lines], [table(found, "limits", caption)])
+    shown = table(found, "limits", f"How busy everything is; trucks wait {waits}")
+    return Part([f"{line[0].upper()}{line[1:]}." for line in lines if line], [shown])
 
 
 def places(f: Facts) -> Part:
@@ -272,7 +271,7 @@ def answers(f: Facts) -> list[str]:
     if "density" in f.results and "areas" in f.results["density"].places:
         first = f.results["density"].places["areas"].iloc[0]
         out.append(f"Most time is lost to congestion on {first['roads']}: {number(first['delay'])} s.")
-    return out + limits(f).lines[:-1] + f.results["near_misses"].lines + f.results["speeding"].lines
+    return out + limits(f).lines + f.results["near_misses"].lines + f.results["speeding"].lines
 
 
 def local_span(f: Facts) -> str:

@@ -39,23 +39,19 @@ class Limits:
     task_wait_s: dict[str, float]
     """Mean, p95 and longest time from when a task may be done until a truck takes it, or the end [s]."""
 
-    @classmethod
-    def of(cls, told: dict[str, Any]) -> "Limits":
-        """Those that the summary of a dataset tells (:meth:`Summary.to_dict`)."""
-        found, worst = (Resource(**r) for r in told["resources"]), told["bottleneck"]
-        return cls(worst and Resource(**worst), tuple(found), told["waiting_s"], told["task_wait_s"])
 
-    def lines(self) -> list[str]:
-        """For the terminal."""
-        wait, b = self.task_wait_s, self.bottleneck
-        tasks = f"tasks wait {wait['mean']:.0f} s for a truck on average, {wait['longest']:.0f} s at most"
-        if b is None:
-            return [f"bottleneck: none, the fleet does what is asked of it; {tasks}"]
-        what = f"the {b.count} trucks" if b.kind == "trucks" else f"{b.kind} ({b.count}), above all {b.name}"
-        parts = [f"bottleneck: {what}, busy for {100 * b.utilisation:.0f} % of the time"]
-        if b.queue > 0.0:
-            parts.append(f"{b.queue:.1f} {'tasks' if b.kind == 'trucks' else 'trucks'} wait on average")
-        return ["; ".join([*parts, tasks] if wait["longest"] else parts)]
+def told_limits(told: dict[str, Any]) -> str:
+    """The bottleneck in words, of :class:`Limits` as a dictionary."""
+    wait, b = told["task_wait_s"], told["bottleneck"]
+    tasks = f"tasks wait {wait['mean']:.0f} s for a truck on average, {wait['longest']:.0f} s at most"
+    if b is None:
+        return f"bottleneck: none, the fleet does what is asked of it; {tasks}"
+    above = f", above all {b['name']}" if b["name"] else ""
+    what = f"the {b['count']} trucks" if b["kind"] == "trucks" else f"{b['kind']} ({b['count']}){above}"
+    parts = [f"bottleneck: {what}, busy for {100 * b['utilisation']:.0f} % of the time"]
+    if b["queue"] > 0.0:
+        parts.append(f"{b['queue']:.1f} {'tasks' if b['kind'] == 'trucks' else 'trucks'} wait on average")
+    return "; ".join([*parts, tasks] if wait["longest"] else parts)
 
 
 class Tally:
@@ -177,7 +173,7 @@ class Summary:
             f"waiting: {sum(hours.values()):.2f} truck hours ({kinds})",
             f"traffic: {self.longest_wait_s:.0f} s of waiting at most,"
             f" {c.deadlocks} deadlocks ({c.deadlocks_released} released), {c.detours} detours",
-            *self.limits.lines(),
+            told_limits(asdict(self.limits)),
         ]
         if self.one_more:
             out.append(str(self.one_more["statement"]))

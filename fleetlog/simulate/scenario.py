@@ -34,8 +34,7 @@ MEASURES = {
     "waiting_share": "share of the trucks' time spent waiting [%]",
     "energy_per_task_wh": "energy per task done [Wh]",
 }  # fmt: skip
-"""What is drawn and compared, and how it is called; a share is 0 to 1, and told in per cent."""
-EXPERIMENT = 2  # Version of ``experiment.json`` and its tables
+"""What is drawn and compared, and how it is called."""
 MOST = 10_000  # Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand
 NONE = "none"  # The value of a factor that leaves the scenario as it is
 
@@ -208,22 +207,15 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
     for (number, seed, values, _), outcome in zip(plan, results, strict=True):
         rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
         progress("experiment", len(rows) / len(plan))
-    return compared(pd.DataFrame(rows).sort_values(["variant", "seed"], ignore_index=True), factors)
-
-
-def compared(runs: pd.DataFrame, factors: Sequence[Factor]) -> Result:
-    """What the runs of an experiment say; :class:`DataError` where none was possible."""
+    runs = pd.DataFrame(rows).sort_values(["variant", "seed"], ignore_index=True)
     if "tasks_done" not in runs:
         raise DataError(f"no run is possible: {runs.error[0]}", do="change the site or what is varied")
     table = _compared(runs, [f.name for f in factors])
     summary = {
-        "format_version": EXPERIMENT, "factors": {f.name: list(f.values) for f in factors},
-        "seeds": runs.seed.drop_duplicates().tolist(), "variants": table.to_dict("records"),
+        "format_version": 2, "factors": {f.name: list(f.values) for f in factors},
+        "seeds": [b.settings.seed for b in bases], "variants": table.to_dict("records"),
     }  # fmt: skip
-    tables = {"runs": runs, "variants": table}
-    rows = told_rows(table, factors)
-    wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in rows]
+    tables, lines = {"runs": runs, "variants": table}, _lines(told_rows(table, [f.name for f in factors]))
     return Result("experiment", summary, tables, {}, _shapes(runs, factors), lines)
 
 
@@ -263,31 +255,32 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
-def told_rows(table: pd.DataFrame, factors: Sequence[Factor]) -> list[list[str]]:
-    """The variants in words, below their heads: intervals, and the change of tasks."""
-    head = [*(f.name for f in factors), "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
-    rows = [
-        [
-            *(str(r[f.name]) for f in factors), told(r, "tasks_per_h"),
-            "" if r["variant"] == 0 else told(r, "tasks_per_h_change", sign="+"),
-            told(r, "waiting_share", " %"), told(r, "energy_per_task_wh"), told(r, "task_wait_s", " s"),
-            str(r["bottleneck"]),
-        ]
-        for r in table.to_dict("records")
+def told_rows(table: pd.DataFrame, names: Sequence[str]) -> list[list[str]]:
+    """The variants in words, below their heads; ``names`` are those of what is varied."""
+    head = [*names, "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
+    rows = [head, *([*(str(r[n]) for n in names), *_cells(r)] for r in table.to_dict("records"))]
+    return rows if table.task_wait_s.any() else [[*row[:-2], row[-1]] for row in rows]
+
+
+def _lines(rows: list[list[str]]) -> list[str]:
+    """The table for the terminal."""
+    wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in rows]
+
+
+def _cells(row: Mapping[Any, Any]) -> list[str]:
+    def number(name: str, unit: str = "", sign: str = "") -> str:
+        scale = 100.0 if unit == " %" else 1.0
+        value, half = scale * row[name], scale * row[f"{name}_ci"]
+        if np.isnan(value):
+            return "-"
+        return f"{value:{sign}.1f}" + (f" ± {half:.1f}" if np.isfinite(half) else "") + unit
+
+    return [
+        number("tasks_per_h"), "" if row["variant"] == 0 else number("tasks_per_h_change", sign="+"),
+        number("waiting_share", " %"), number("energy_per_task_wh"), number("task_wait_s", " s"),
+        str(row["bottleneck"]),
     ]  # fmt: skip
-    return [row if table.task_wait_s.any() else [*row[:-2], row[-1]] for row in [head, *rows]]
-
-
-def told(row: Mapping[Any, Any], name: str, unit: str = "", sign: str = "") -> str:
-    """A mean with its interval, a dash where it is unknown; a share is told in per cent."""
-    value, half = (_scale(name) * row[key] for key in (name, f"{name}_ci"))
-    if np.isnan(value):
-        return "-"
-    return f"{value:{sign}.1f}" + (f" ± {half:.1f}" if np.isfinite(half) else "") + unit
-
-
-def _scale(name: str) -> float:
-    return 100.0 if "_share" in name else 1.0
 
 
 def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
@@ -298,10 +291,10 @@ def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
     for name, label in MEASURES.items():
         if not runs[name].any():
             continue
+        scale = 100.0 if label.endswith("[%]") else 1.0
         curves = {
             ", ".join(f"{n} {v}" for n, v in zip(rest, key, strict=True)): [
-                _scale(name) * group[group[first.name] == v][name].dropna().to_numpy(float)
-                for v in first.values
+                scale * group[group[first.name] == v][name].dropna().to_numpy(float) for v in first.values
             ]
             for key, group in groups
         }

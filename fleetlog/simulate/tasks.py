@@ -23,8 +23,7 @@ from fleetlog.simulate.doors import Stand
 from fleetlog.store.events import Columns
 
 COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
-EXPORTED = {"vehicle_id": "vehicle", "from_place": "from", "to_place": "to"}
-"""As the table of a simulation calls them: its export can be given again."""
+EXPORTED = {"vehicle_id": "vehicle", "from_place": "from", "to_place": "to"}  # As tasks.parquet has them
 HEIGHTS = (0.3, 1.2, 2.4, 3.6)  # Of shelves that loads are taken from and set down on [m]
 ENGAGE = 6.0  # To drive the forks under a load or out of it [s]
 NONE = -1.0  # A time that has not come [s after the start]
@@ -98,19 +97,17 @@ def endless_tasks(seed: int, truck: Truck, places: int, pause: float) -> Iterato
 
 
 def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0, start: int = 0) -> list[Task]:
-    """Tasks of a CSV whose columns are ``COLUMNS``, times also ISO 8601: then ``start`` [us] is that of the
-    simulation. An exported task whose place to go to was never decided is left out. :class:`InputError` names
-    the line at fault."""
+    """Tasks of a CSV whose columns are ``COLUMNS``, or of an export but those whose place to go to is open;
+    ``start`` of the simulation [us]. :class:`InputError` names the line at fault."""
     path, data, place = Path(path), read_whole(Path(path), SETTINGS), "line 1"
     tasks, rng = [], np.random.default_rng(seed)
     try:
         reader = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""), restval="")
-        given = list(reader.fieldnames or ())
-        reader.fieldnames = [EXPORTED.get(name, name) for name in given]
-        _check_header(reader.fieldnames)
+        reader.fieldnames = [EXPORTED.get(name, name) for name in reader.fieldnames or ()]
+        _check_header([*reader.fieldnames])
         for row in reader:
             place = f"line {reader.line_num}"
-            if row["to"] or "to_place" not in given:
+            if row["to"] or "status" not in row:
                 tasks.append(_task(row, site, truck, rng, start))
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"not readable as CSV: {error}", where=path, do="write UTF-8 text") from None

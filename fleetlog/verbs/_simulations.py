@@ -46,8 +46,7 @@ def answer(asked: Asked) -> Answer:
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
     create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=read)
     with create(target, "simulated", asked.site) as writer:
-        size = {"length": asked.truck.chassis.length, "width": asked.truck.chassis.width}
-        writer.provenance = provenance(settings, asked.seed, like=like, truck=size)
+        writer.provenance = provenance(settings, asked.seed, like=like, truck=asdict(asked.truck.chassis))
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         writer.summary, lines = run(asked, writer)
         if asked.recording:
@@ -100,6 +99,8 @@ def _physics(asked: Asked) -> Physics:
 
 
 def _experiment(asked: Asked, read: list[Path], settings: list[Path]) -> Answer:
+    from fleetlog.report.experiment import experiment_page
+
     factors, fleet = [factor(text) for text in asked.vary], asked.vehicles
     with destination(asked.output, "analysis", asked.overwrite, read) as keep:
         made = [_scenario(asked, seed) for seed in range(asked.seed, asked.seed + asked.runs)]
@@ -112,8 +113,8 @@ def _experiment(asked: Asked, read: list[Path], settings: list[Path]) -> Answer:
         if double := {name for name in names if names.count(name) > 1}:
             raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", where="--vary")
         result = experiment(bases, factors)
-        result.summary |= {"site": asked.site.name, "provenance": provenance(settings, asked.seed)}
-        return keep(Answer.of(result, asked.site))
+        result.summary["provenance"] = provenance(settings, asked.seed)
+        return keep(Answer.of(result, asked.site, page=experiment_page(result, asked.site)))
 
 
 def _fleet(asked: Asked, writer: DatasetWriter) -> Told:
@@ -141,8 +142,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
         site, demand, notes = demands.like(like, site, truck, vehicles, start, asked.duration, seed, same)
         notes += untold
     if asked.tasks is not None:
-        given = read_tasks(inputs.as_csv(asked.tasks), site, truck, seed, start)
-        demand = Demand(given, endless=False)
+        demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed, start), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
     settings = Settings(
         vehicles, asked.duration, asked.step, 1.0 / (asked.rate or 1e-9), start, seed, asked.soc,

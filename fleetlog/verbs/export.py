@@ -27,6 +27,4 @@ def export(
     lines = [f"{summary['rows']:,} {what} of {data.path}, {summary['bytes']:,} bytes of {to}"]
     if left_out := summary.get("rows_without_position"):
         lines.append(f"{left_out:,} rows have no position and were left out")
-    if not summary.get("map_beside", True):
-        lines.append(f"put {summary['map']} beside it: that map is not where it was read any more")
     return Answer("export", summary, lines=lines, output=file, kind=f"{to} export", folder=False)

@@ -1,7 +1,8 @@
 """Write one page about a fleet, about two datasets side by side, or about an experiment."""
 
 from collections.abc import Sequence
-from typing import Any, cast
+from pathlib import Path
+from typing import cast
 
 from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, destination
@@ -29,13 +30,13 @@ def report(
     diagnosis : run diagnose where a truck is given.
     tables : write the tables too: a folder for Parquet files, or NAME.xlsx.
     output : HTML page to write."""
-    from fleetlog.report.experiment import experiment_report
-    from fleetlog.report.report import held
+    from fleetlog.report.report import Report, held
     from fleetlog.report.report import report as reported
 
     given = cast("Sequence[DatasetLike]", datasets)
-    tried = experiment_report(given[0]) if len(given) == 1 else None
-    opened = [] if tried else [inputs.as_dataset(d) for d in given]
+    folders = [Path(d) for d in given if isinstance(d, str | Path) and len(given) == 1]
+    pages = [f / "report.html" for f in folders if (f / "experiment.json").is_file()]
+    opened = [] if pages else [inputs.as_dataset(d) for d in given]
     model = None if truck is None else inputs.as_truck(truck)
     prices = None if tariff is None else inputs.existing(tariff)
     read = inputs.files_of(datasets, truck, tariff)
@@ -43,8 +44,8 @@ def report(
         destination(output, "report", overwrite, read, folder=False) as keep,
         held(None if tables is None else inputs.as_path(tables), overwrite, read) as write_tables,
     ):
-        options: Any = {"truck": model, "tariff": prices, "timezone": timezone, "diagnosis": diagnosis}
-        found = tried or reported(opened, **options)
+        found = Report(inputs.existing(pages[0]).read_text("utf-8")) if pages else None
+        found = found or reported(opened, truck=model, tariff=prices, timezone=timezone, diagnosis=diagnosis)
         write_tables(found.tables, found.zone)
         answer = Answer("report", found.summary, found.tables, lines=found.lines, value=found)
         answer.page = found.html

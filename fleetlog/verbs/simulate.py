@@ -71,8 +71,7 @@ def simulate(
     like : dataset whose places and demand are taken over.
     same_mission : drive the trips of --like again, each by itself, for comparison.
     together : with --same-mission, let the trucks be in one another's way.
-    tasks : CSV (in Python also a DataFrame): vehicle (or any), from, to, payload [kg], earliest [s]; or
-        what export --to tasks wrote.
+    tasks : CSV (in Python also a DataFrame): vehicle (or any), from, to, payload [kg], earliest [s].
     cycle : a test cycle on a strip of its own.
     close : close a road to all trucks; may be repeated.
     physics : model.toml with terms found elsewhere.

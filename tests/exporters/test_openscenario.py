@@ -6,7 +6,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-import fleetlog
 from fleetlog.errors import DataError
 from fleetlog.exporters import openscenario
 from fleetlog.exporters.base import export_dataset
@@ -65,31 +64,17 @@ def road_network(path):
     return [n.get("filepath") for n in ElementTree.parse(path).getroot().iter("LogicFile")]
 
 
-def test_the_map_of_an_opendrive_site_lies_beside_the_scenario(on_opendrive, tmp_path):
+def test_the_road_network_is_the_file_that_was_read(on_opendrive, tmp_path):
     dataset, file = on_opendrive
     out = tmp_path / "scenario" / "fleet.xosc"
-    for again in (False, True):
-        summary = export_dataset(dataset, "openscenario", out, overwrite=again)
-        (name,) = road_network(out)
-        assert (out.parent / name).read_bytes() == file.read_bytes()
-        assert summary["map_beside"]
-    export_dataset(dataset, "openscenario", file.parent / "fleet.xosc")
-    assert road_network(file.parent / "fleet.xosc") == [file.name] and file.read_text() == "<OpenDRIVE/>"
-
-
-def test_a_map_that_changed_is_named_and_not_copied(on_opendrive, tmp_path):
-    dataset, file = on_opendrive
-    file.write_text("<OpenDRIVE><road/></OpenDRIVE>")
-    lines = fleetlog.export(dataset, to="openscenario", output=tmp_path / "new" / "fleet.xosc").lines
-    assert road_network(tmp_path / "new" / "fleet.xosc") == ["plant.xodr"]
-    assert not (tmp_path / "new" / "plant.xodr").exists() and any(
-        "put plant.xodr beside it" in x for x in lines
-    )
+    export_dataset(dataset, "openscenario", out)
+    (name,) = road_network(out)
+    assert (out.parent / name).read_bytes() == file.read_bytes()
 
 
 def test_other_maps_leave_the_road_network_empty(make_dataset, tmp_path):
-    summary = export_dataset(make_dataset(vehicles=1), "openscenario", tmp_path / "out.xosc")
-    assert road_network(tmp_path / "out.xosc") == [] and "map" not in summary
+    export_dataset(make_dataset(vehicles=1), "openscenario", tmp_path / "out.xosc")
+    assert road_network(tmp_path / "out.xosc") == []
 
 
 def test_a_truck_is_as_long_and_wide_as_that_of_the_simulation(make_dataset, tmp_path):

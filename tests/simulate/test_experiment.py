@@ -144,7 +144,12 @@ def test_an_experiment_from_a_file(plan):
     summary = json.loads(outcome.stdout)
     assert summary["factors"] == {"vehicles": ["2", "3"], "policy": ["opportunity", "threshold"]}
     assert summary["seeds"] == [0] and len(summary["variants"]) == 4
-    assert {f.name for f in (plan / "out").iterdir()} >= {"experiment.json", "experiment.png", "runs.parquet"}
+    assert {f.name for f in (plan / "out").iterdir()} >= {
+        "experiment.json",
+        "experiment.png",
+        "report.html",
+        "runs.parquet",
+    }
 
 
 @pytest.mark.parametrize(
