@@ -7,8 +7,6 @@ from fleetlog.report.content import Part, Picture, Table, render
 from fleetlog.simulate.scenario import told_rows
 from fleetlog.view.picture import svg
 
-CAPTION = "Means over the seeds, ± half of the 95 % interval; change from the first variant, seed by seed"
-
 
 def experiment_page(result: Result, site: Site) -> str:
     """One file; the summary of the result tells its ``provenance``."""
@@ -16,7 +14,7 @@ def experiment_page(result: Result, site: Site) -> str:
     head, *rows = told_rows(table, names)
     best = dict(zip(head, rows[int(table.tasks_per_h.argmax())], strict=True))
     which = listed([f"{name} {best[name]}" for name in names])
-    shown = Table(head, rows, [len(names) <= k < len(head) - 1 for k in range(len(head))], CAPTION)
+    shown = Table(head, rows, [len(names) <= k < len(head) - 1 for k in range(len(head))])
     plots = [s for s in result.shapes if isinstance(s, Spread)]
     part = Part([f"Most tasks are done with {which}: {best['tasks/h']} per hour."], [shown])
     part.blocks += [Picture(svg(result, site, s, salt=s.name), s.y_label) for s in plots]

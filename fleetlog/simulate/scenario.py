@@ -215,7 +215,9 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
         "format_version": 2, "factors": {f.name: list(f.values) for f in factors},
         "seeds": [b.settings.seed for b in bases], "variants": table.to_dict("records"),
     }  # fmt: skip
-    tables, lines = {"runs": runs, "variants": table}, _lines(told_rows(table, [f.name for f in factors]))
+    tables, rows_told = {"runs": runs, "variants": table}, told_rows(table, [f.name for f in factors])
+    wide = [max(map(len, column)) for column in zip(*rows_told, strict=True)]
+    lines = ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in rows_told]
     return Result("experiment", summary, tables, {}, _shapes(runs, factors), lines)
 
 
@@ -260,12 +262,6 @@ def told_rows(table: pd.DataFrame, names: Sequence[str]) -> list[list[str]]:
     head = [*names, "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
     rows = [head, *([*(str(r[n]) for n in names), *_cells(r)] for r in table.to_dict("records"))]
     return rows if table.task_wait_s.any() else [[*row[:-2], row[-1]] for row in rows]
-
-
-def _lines(rows: list[list[str]]) -> list[str]:
-    """The table for the terminal."""
-    wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in rows]
 
 
 def _cells(row: Mapping[Any, Any]) -> list[str]:

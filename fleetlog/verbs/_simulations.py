@@ -34,7 +34,6 @@ Told = tuple[dict[str, Any], list[str]]  # A summary, and the same in sentences
 def answer(asked: Asked) -> Answer:
     """Run what is asked for."""
     read = inputs.files_of(asked.site, asked.truck, asked.like, asked.tasks, asked.physics, asked.experiment)
-    settings = inputs.files_of(asked.site, asked.truck, asked.tasks, asked.physics)
     like = None if asked.like is None else str(inputs.as_path(asked.like))
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
@@ -42,11 +41,11 @@ def answer(asked: Asked) -> Answer:
     asked.site = _site(asked)
     asked.physics = _physics(asked)
     if _varies(asked):
-        return _experiment(asked, read, settings)
+        return _experiment(asked, read)
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
     create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=read)
     with create(target, "simulated", asked.site) as writer:
-        writer.provenance = provenance(settings, asked.seed, like=like, truck=asdict(asked.truck.chassis))
+        writer.provenance = provenance(read, asked.seed, like=like, truck=asdict(asked.truck.chassis))
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         writer.summary, lines = run(asked, writer)
         if asked.recording:
@@ -98,7 +97,7 @@ def _physics(asked: Asked) -> Physics:
     return replace(physics, off=physics.off | frozenset(asked.without))
 
 
-def _experiment(asked: Asked, read: list[Path], settings: list[Path]) -> Answer:
+def _experiment(asked: Asked, read: list[Path]) -> Answer:
     from fleetlog.report.experiment import experiment_page
 
     factors, fleet = [factor(text) for text in asked.vary], asked.vehicles
@@ -113,7 +112,7 @@ def _experiment(asked: Asked, read: list[Path], settings: list[Path]) -> Answer:
         if double := {name for name in names if names.count(name) > 1}:
             raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", where="--vary")
         result = experiment(bases, factors)
-        result.summary["provenance"] = provenance(settings, asked.seed)
+        result.summary["provenance"] = provenance(read, asked.seed)
         return keep(Answer.of(result, asked.site, page=experiment_page(result, asked.site)))
 
 
