@@ -40,13 +40,14 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
         "distance_m": float(table.distance.sum()), "driving_time_s": float(table.driving_time.sum()),
         "mean_distance_m": float(real.distance.mean()) if len(real) else None,
         "mean_duration_s": float(real.duration.mean()) if len(real) else None,
+        "mean_driving_time_s": float(real.driving_time.mean()) if len(real) else None,
         "mean_speed_m_s": float(real.distance.sum() / max(float(real.driving_time.sum()), 1e-9)),
         "energy_wh": float(energy[known].sum()) if known.any() else None,
         "energy_wh_per_km": float(energy[known].sum() / km) if km > 0.0 else None,
         "trips_charged": int(charged.sum()),
         "laden_share": float(np.mean(payload > MIN_LOAD_CHANGE)) if len(payload) else None,
     }  # fmt: skip
-    means: Any = {f"{of}_mean": (of, "mean") for of in ("distance", "duration", "energy")}
+    means: Any = {f"{of}_mean": (of, "mean") for of in ("distance", "duration", "driving_time", "energy")}
     ways = real.groupby(["from_place", "to_place"], as_index=False).agg(trips=("distance", "size"), **means)
     pairs = ways.sort_values("trips", ascending=False, kind="stable", ignore_index=True)
     per = real.groupby("vehicle_id").distance.sum() / 1000.0
@@ -79,8 +80,8 @@ def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
     ]
     if s["mean_distance_m"] is not None:
         out.append(
-            f"The mean trip is {s['mean_distance_m']:.0f} m in {s['mean_duration_s']:.0f} s, "
-            f"at {s['mean_speed_m_s']:.2f} m/s while driving."
+            f"The mean trip is {s['mean_distance_m']:.0f} m: {s['mean_driving_time_s']:.0f} s of driving at "
+            f"{s['mean_speed_m_s']:.2f} m/s, {s['mean_duration_s']:.0f} s with waits and the stop at its end."
         )
     if s["energy_wh"] is not None and s["energy_wh_per_km"] is not None:
         left_out = f", without {count(n, 'trip')} to a charger" if (n := s["trips_charged"]) else ""

@@ -16,7 +16,6 @@ from fleetlog import engines, scratch
 from fleetlog.api.inputs import PathLike, files_of
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
-from fleetlog.core.words import count
 from fleetlog.errors import DataError, OutputError
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ class Answer(Result):
     @classmethod
     def of(cls, result: Result, site: Site | None = None, **more: Any) -> Answer:
         """Return the answer of an analysis: its folder has JSON, tables, a picture and a recording."""
-        more.setdefault("write", partial(write_folder, result, site or Site()))
+        more.setdefault("write", partial(write_folder, result, site or Site(), page=more.get("page", "")))
         return cls(**{f.name: getattr(result, f.name) for f in fields(Result)}, site=site, **more)
 
     @property
@@ -102,20 +101,16 @@ class Answer(Result):
         """The answer for a notebook: sentences, the picture, the head of every table."""
         if self.page:
             return f'<iframe srcdoc="{html.escape(self.page)}" width="100%" height="700"></iframe>'
-        lines = "".join(f"<li>{html.escape(line.strip())}</li>" for line in self.lines)
+        from fleetlog.report.content import render
+
         picture = ""
         if self.shapes:
             from fleetlog.view.picture import write_picture
 
             png = write_picture(self, self.site or Site(), scratch.folder() / "picture.png").read_bytes()
-            source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
-            picture = f'<img style="max-width:100%" src="{source}">'
-        tables = "".join(
-            f"<details><summary>{html.escape(name)} ({count(len(table), 'row')})</summary>"
-            f"{table.head(HEAD).to_html(max_cols=12, border=0)}</details>"
-            for name, table in self.tables.items()
-        )
-        return f"<h3>{html.escape(self.name)}</h3><ul>{lines}</ul>{picture}{tables}"
+            picture = base64.b64encode(png).decode()
+        heads = {name: t.head(HEAD).to_html(max_cols=12, border=0) for name, t in self.tables.items()}
+        return render("answer.html", answer=self, heads=heads, picture=picture)
 
 
 @contextmanager
@@ -145,12 +140,14 @@ def destination(
         yield keep
 
 
-def write_folder(result: Result, site: Site, folder: Path) -> None:
-    """Write ``NAME.json``, tables as Parquet, places as GeoJSON, ``NAME.png`` and ``recording.rrd``."""
+def write_folder(result: Result, site: Site, folder: Path, page: str = "") -> None:
+    """Write ``NAME.json``, Parquet tables, GeoJSON places, ``NAME.png``, ``recording.rrd``, a page if any."""
     from fleetlog.store.results import write_result
     from fleetlog.view.picture import write_picture
     from fleetlog.view.results import write_result_recording
 
+    if page:
+        (folder / "report.html").write_text(page, encoding="utf-8")
     recording = partial(write_result_recording, result, site, folder / "recording.rrd")
     beside: engines.Tasks = [partial(write_result, result, folder, site.frame), recording]
     picture = partial(write_picture, result, site), [folder / f"{result.name}.png"]

@@ -14,10 +14,10 @@ FORMULA = r"^([=@\t\r]|[+-][\pL\pN_.:-]*[^\pL\pN_.:-])"
 _PACKING = {".gz": "gzip", ".zst": "zstd"}
 
 
-def write(selection: Selection, path: Path) -> None:
-    """Times in ISO 8601 UTC, empty cells for null, every digit of a double."""
-    schema = selection.schema()
-    text = pa.schema([f.with_type(pa.string()) if f.name == "timestamp" else f for f in schema])
+def write(selection: Selection, path: Path, table: pa.Table | None = None) -> None:
+    """Times in ISO 8601 UTC, empty cells for null, every digit of a double; the rows, or those of a table."""
+    schema = selection.schema() if table is None else table.schema
+    text = pa.schema([f.with_type(pa.string()) if pa.types.is_timestamp(f.type) else f for f in schema])
     packing = _PACKING.get(selection.target.suffix.lower())
     options = pcsv.WriteOptions(quoting_style="needed", include_header=False)
     # Quoted only where a name needs it; Arrow would quote every one.
@@ -26,14 +26,13 @@ def write(selection: Selection, path: Path) -> None:
     with pa.output_stream(str(path), compression=packing) as sink:
         sink.write(header.getvalue().encode())
         with pcsv.CSVWriter(sink, text, write_options=options) as writer:
-            for table in selection.tables(schema):
-                at = table.column_names.index("timestamp")
-                iso = pc.strftime(table.column("timestamp"), format="%Y-%m-%dT%H:%M:%SZ")
-                table = table.set_column(at, "timestamp", iso).cast(text)
+            for rows in selection.tables(schema) if table is None else [table]:
                 for i, field in enumerate(text):
                     if pa.types.is_string(field.type):
-                        table = table.set_column(i, field, defused(table.column(i)))
-                writer.write_table(table)
+                        cell, time = rows.column(i), pa.types.is_timestamp(rows.schema.types[i])
+                        cell = pc.strftime(cell, format="%Y-%m-%dT%H:%M:%SZ") if time else cell
+                        rows = rows.set_column(i, field, defused(cell))
+                writer.write_table(rows)
 
 
 def defused(texts: pa.ChunkedArray) -> pa.ChunkedArray:

@@ -1,7 +1,7 @@
 """ASAM OpenSCENARIO XML 1.2: every vehicle follows its trajectory, for esmini and the tools that read it.
 
 Positions are world positions in the metres of the site, times seconds after the first row of all.  The road
-network is that of a site whose map is OpenDRIVE.  Lost are loads, energy and labels."""
+network is the map that was read of a site whose map is OpenDRIVE.  Lost are loads, energy and labels."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +15,7 @@ from fleetlog.exporters.base import Selection
 from fleetlog.registry import extra
 
 LENGTH, WIDTH, HEIGHT = 3.0, 1.2, 2.2
-"""Of the box that stands for a truck, whose size a dataset does not tell [m]."""
+"""Of the box that stands for a truck [m]; a simulation tells length and width of its own."""
 MOST = 1_000_000  # Rows that one scenario holds; it is built in memory
 COLUMNS = ("x", "y", "z", "heading")
 
@@ -25,11 +25,13 @@ def write(selection: Selection, path: Path) -> None:
     xosc = extra("scenariogeneration.xosc", "scenario", "OpenSCENARIO needs the package scenariogeneration")
     motions = _motions(selection)
     begin, end = min(rows[0, 0] for rows in motions.values()), max(rows[-1, 0] for rows in motions.values())
-    road_file = str(selection.dataset.site.source.get("network", {}).get("file", ""))
-    roads = xosc.RoadNetwork(road_file if road_file.endswith(".xodr") else None)
+    about = selection.dataset.site.source.get("network", {})
+    road_file = str(about.get("path", about.get("file", "")))
+    roads = xosc.RoadNetwork(road_file if road_file.lower().endswith(".xodr") else None)
+    size = {"length": LENGTH, "width": WIDTH, **selection.dataset.meta["provenance"].get("truck", {})}
     entities, init = xosc.Entities(), xosc.Init()
-    box = xosc.BoundingBox(WIDTH, LENGTH, HEIGHT, 0.0, 0.0, 0.5 * HEIGHT)
-    axles = (xosc.Axle(1.5, 0.5, 1.0, along, 0.25) for along in (0.9, -0.9))
+    box = xosc.BoundingBox(size["width"], size["length"], HEIGHT, 0.0, 0.0, 0.5 * HEIGHT)
+    axles = (xosc.Axle(1.5, 0.5, 1.0, along * size["length"], 0.25) for along in (0.3, -0.3))
     truck = xosc.Vehicle("truck", xosc.VehicleCategory.truck, box, *axles, 10.0, 5.0, 10.0)
     story = xosc.StoryBoard(init, _when(xosc, "stop", 1e-6 * (end - begin) + 1.0))
     for vehicle, rows in motions.items():

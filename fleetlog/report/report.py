@@ -4,7 +4,7 @@ import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -44,10 +44,10 @@ class Report:
     """What a report says: ``html`` (one page), ``summary`` (JSON-ready), ``tables`` and ``lines``."""
 
     html: str
-    summary: dict[str, Any]
-    tables: dict[str, pd.DataFrame]
-    lines: list[str]
-    zone: str
+    summary: dict[str, Any] = field(default_factory=dict)
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+    zone: str = "UTC"
 
 
 def report(
@@ -87,14 +87,9 @@ def report(
 
 def _page(facts: list[Facts], rows: list[Row], lead: list[str]) -> str:
     sites = list(dict.fromkeys(f.site.name if f.site.source else f.name for f in facts))
-    tiles = [
-        (r.figure.label, r.figure.shown(r.values[0]), "" if r.figure.unit == "1/h" else r.unit)
-        for r in rows
-        if r.figure.title and len(facts) == 1
-    ]
     return render(
         "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
-        about=[_about(f) for f in facts], tiles=tiles, sections=[*_sections(facts)],
+        about=[_about(f) for f in facts], rows=rows, sections=[*_sections(facts)],
         key=page_table(rows, [f.name for f in facts]), version=__version__,
     )  # fmt: skip
 
@@ -114,7 +109,8 @@ def _about(f: Facts) -> list[tuple[str, str]]:
 def _sections(facts: list[Facts]) -> Iterator[tuple[str, list[Part]]]:
     """Title and a part for each dataset; at last what analyses of other packages say and draw."""
     for title, make in SECTIONS.items():
-        yield title, [replace(make(f), name=f.name) for f in facts]
+        parts = [replace(make(f), name=f.name) for f in facts]
+        yield title, [p for p in parts if p.lines or p.blocks]
         if title == "Energy" and (parts := [Part(f.left_out, name=f.name) for f in facts if f.left_out]):
             yield "What the truck model leaves out", parts
     more: dict[str, list[Part]] = {}

@@ -13,6 +13,7 @@ from fleetlog.physics.power import cause
 from fleetlog.report.content import Part, number, picture, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
+from fleetlog.simulate.limits import told_limits
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP
 
@@ -113,6 +114,17 @@ def energy_part(f: Facts) -> Part:
         }
         part.blocks += [picture(f, drawn, what) for what, found in pictures.items() for drawn in found]
     return part
+
+
+def limits(f: Facts) -> Part:
+    """What limits a simulated fleet, and what one more of it brings; empty where the dataset does not say."""
+    if not (told := (f.dataset.meta.get("summary") or {}).get("limits")):
+        return Part()
+    lines = [told_limits(told), told["one_more"].get("statement", "")]
+    waits = listed([f"{s / 3600.0:.2f} h for {kind}" for kind, s in told["waiting_s"].items()])
+    found = pd.DataFrame(told["resources"]).fillna({"name": "–"})
+    shown = table(found, "limits", f"How busy everything is; trucks wait {waits}")
+    return Part([f"{line[0].upper()}{line[1:]}." for line in lines if line], [shown])
 
 
 def places(f: Facts) -> Part:
@@ -225,8 +237,9 @@ def _imported(dataset: Dataset) -> list[str]:
 
 
 SECTIONS: dict[str, Callable[[Facts], Part]] = {
-    "Utilisation": utilisation_part, "Work": work, "Energy": energy_part, "State of charge": charge,
-    "Places": places, "Congestion": congestion, "Safety": safety, "Data quality": data_quality,
+    "Utilisation": utilisation_part, "Work": work, "What limits the fleet": limits, "Energy": energy_part,
+    "State of charge": charge, "Places": places, "Congestion": congestion, "Safety": safety,
+    "Data quality": data_quality,
 }  # fmt: skip
 
 
@@ -258,7 +271,7 @@ def answers(f: Facts) -> list[str]:
     if "density" in f.results and "areas" in f.results["density"].places:
         first = f.results["density"].places["areas"].iloc[0]
         out.append(f"Most time is lost to congestion on {first['roads']}: {number(first['delay'])} s.")
-    return out + f.results["near_misses"].lines + f.results["speeding"].lines
+    return out + limits(f).lines + f.results["near_misses"].lines + f.results["speeding"].lines
 
 
 def local_span(f: Facts) -> str:

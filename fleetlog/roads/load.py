@@ -156,7 +156,8 @@ def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[L
     known = {p.id for p in site.places}
     places = site.places + tuple(p for p in road_map.places if p.id not in known)
     traffic = options.traffic or road_map.traffic or "right"
-    source = {**site.source, "network": {"file": file.name, "sha256": sha256(file)}}
+    about = {"file": file.name, "path": str(file.resolve()), "sha256": sha256(file)}
+    source = {**site.source, "network": about}
     site = replace(site, frame=frame, network=network, traffic=traffic, places=places, source=source)
     gaps = distance_to_roads(network, np.array([[p.x, p.y] for p in places]).reshape(-1, 2))
     far = ((p.id, gap) for p, gap in zip(places, gaps, strict=True) if gap > OFF_ROADS)

@@ -42,24 +42,24 @@ class Limits:
     task_wait_s: dict[str, float]
     """Mean, p95 and longest time from when a task may be done until a truck takes it, or the end [s]."""
 
-    def lines(self) -> list[str]:
-        """For the terminal."""
-        wait, b = self.task_wait_s, self.bottleneck
-        tasks = f"tasks wait {wait['mean']:.0f} s for a truck on average, {wait['longest']:.0f} s at most"
-        if b is None:
-            return [f"bottleneck: none, the fleet does what is asked of it; {tasks}"]
-        what = f"{b.kind} ({b.count}), above all {b.name}"
-        if b.kind == "trucks":
-            several = f"the {b.count} trucks" if b.count > 1 else "the only truck"
-            what = f"truck {b.name}" if b.name else several
-        # Who waits behind others on a road waits at a junction that may be empty.
-        what = f"traffic, above all before {b.name}" if b.kind == "junctions" else what
-        parts = [f"bottleneck: {what}"]
-        if b.kind != "junctions":
-            parts[0] += f", busy for {percent(b.utilisation)} of the time"
-        if b.queue > 0.0:
-            parts.append(f"{b.queue:.1f} {'tasks' if b.kind == 'trucks' else 'trucks'} wait on average")
-        return ["; ".join([*parts, tasks] if wait["longest"] else parts)]
+
+def told_limits(told: dict[str, Any]) -> str:
+    """The bottleneck in words, of :class:`Limits` as a dictionary."""
+    wait, b = told["task_wait_s"], told["bottleneck"]
+    tasks = f"tasks wait {wait['mean']:.0f} s for a truck on average, {wait['longest']:.0f} s at most"
+    if b is None:
+        return f"bottleneck: none, the fleet does what is asked of it; {tasks}"
+    name, kind, several = b["name"], b["kind"], f"{b['count']} trucks" if b["count"] > 1 else "only truck"
+    what = f"{kind} ({b['count']})" + (f", above all {name}" if name else "")
+    if kind == "trucks":
+        what = f"truck {name}" if name else f"the {several}"
+    if kind == "junctions":  # Who waits behind others on a road waits at a junction that may be empty.
+        what = f"traffic, above all before {name}"
+    busy = "" if kind == "junctions" else f", busy for {percent(b['utilisation'])} of the time"
+    parts = [f"bottleneck: {what}{busy}"]
+    if b["queue"] > 0.0:
+        parts.append(f"{b['queue']:.1f} {'tasks' if kind == 'trucks' else 'trucks'} wait on average")
+    return "; ".join([*parts, tasks] if wait["longest"] else parts)
 
 
 class Tally:
@@ -198,7 +198,7 @@ class Summary:
             f"traffic: {self.longest_wait_s:.0f} s of waiting at most,"
             f" {number(c.deadlocks, 'deadlock')} ({c.deadlocks_released} released),"
             f" {number(c.detours, 'detour')}",
-            *self.limits.lines(),
+            told_limits(asdict(self.limits)),
         ]
         if self.one_more:
             out.append(str(self.one_more["statement"]))

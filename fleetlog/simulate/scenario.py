@@ -225,11 +225,13 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
         raise DataError(f"no run is possible: {runs.error[0]}", do="change the site or what is varied")
     table = _compared(runs, [f.name for f in factors])
     summary = {
-        "factors": {f.name: list(f.values) for f in factors}, "seeds": [b.settings.seed for b in bases],
-        "variants": table.to_dict("records"),
+        "format_version": 2, "factors": {f.name: list(f.values) for f in factors},
+        "seeds": [b.settings.seed for b in bases], "variants": table.to_dict("records"),
     }  # fmt: skip
-    tables = {"runs": runs, "variants": table}
-    return Result("experiment", summary, tables, {}, _shapes(runs, factors), _lines(table, factors))
+    tables, rows_told = {"runs": runs, "variants": table}, told_rows(table, [f.name for f in factors])
+    wide = [max(map(len, column)) for column in zip(*rows_told, strict=True)]
+    lines = ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in rows_told]
+    return Result("experiment", summary, tables, {}, _shapes(runs, factors), lines)
 
 
 def _measured(outcome: Summary | str) -> dict[str, Any]:
@@ -240,9 +242,9 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
     return {
         "tasks_given": c.tasks_given, "tasks_done": c.tasks_done, "tasks_per_h": c.tasks_done / hours,
         "task_wait_s": s.limits.task_wait_s["mean"], "task_wait_p95_s": s.limits.task_wait_s["p95"],
-        "waiting_share": 100.0 * s.waiting_s / (s.vehicles * s.duration_s),
+        "waiting_share": s.waiting_s / (s.vehicles * s.duration_s),
         **{f"waiting_{k.replace(' ', '_')}_h": v / 3600.0 for k, v in s.limits.waiting_s.items()},
-        "busy_share": 100.0 * next(r.utilisation for r in s.limits.resources if r.kind == "trucks"),
+        "busy_share": next(r.utilisation for r in s.limits.resources if r.kind == "trucks"),
         "distance_km": s.distance_m / 1000.0, "energy_kwh": s.energy_wh / 1000.0,
         "charged_kwh": s.charged_wh / 1000.0, "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1),
         "charges": c.charges, "soc_lowest": s.soc_lowest, "longest_wait_s": s.longest_wait_s,
@@ -268,19 +270,17 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
-def _lines(table: pd.DataFrame, factors: Sequence[Factor]) -> list[str]:
-    """The table for the terminal."""
-    head = [*(f.name for f in factors), "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
-    rows = [[*(str(r[f.name]) for f in factors), *_cells(r)] for r in table.to_dict("records")]
-    if not table.task_wait_s.any():
-        head, *rows = ([*row[:-2], row[-1]] for row in [head, *rows])
-    wide = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
-    return ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in [head, *rows]]
+def told_rows(table: pd.DataFrame, names: Sequence[str]) -> list[list[str]]:
+    """The variants in words, below their heads; ``names`` are those of what is varied."""
+    head = [*names, "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
+    rows = [head, *([*(str(r[n]) for n in names), *_cells(r)] for r in table.to_dict("records"))]
+    return rows if table.task_wait_s.any() else [[*row[:-2], row[-1]] for row in rows]
 
 
 def _cells(row: Mapping[Any, Any]) -> list[str]:
     def number(name: str, unit: str = "", sign: str = "") -> str:
-        value, half = row[name], row[f"{name}_ci"]
+        scale = 100.0 if unit == " %" else 1.0
+        value, half = scale * row[name], scale * row[f"{name}_ci"]
         if np.isnan(value):
             return "-"
         return f"{value:{sign}.1f}" + (f" ± {half:.1f}" if np.isfinite(half) else "") + unit
@@ -300,9 +300,10 @@ def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
     for name, label in MEASURES.items():
         if not runs[name].any():
             continue
+        scale = 100.0 if label.endswith("[%]") else 1.0
         curves = {
             ", ".join(f"{n} {v}" for n, v in zip(rest, key, strict=True)): [
-                group[group[first.name] == v][name].dropna().to_numpy(float) for v in first.values
+                scale * group[group[first.name] == v][name].dropna().to_numpy(float) for v in first.values
             ]
             for key, group in groups
         }

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.core.arguments import Between
+from fleetlog.core.arguments import Between, moment
 from fleetlog.core.arrays import Floats
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.site import Site
@@ -23,6 +23,7 @@ from fleetlog.simulate.doors import Stand
 from fleetlog.store.events import Columns
 
 COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
+EXPORTED = {"vehicle_id": "vehicle", "from_place": "from", "to_place": "to"}  # As tasks.parquet has them
 HEIGHTS = (0.3, 1.2, 2.4, 3.6)  # Of shelves that loads are taken from and set down on [m]
 ENGAGE = 6.0  # To drive the forks under a load or out of it [s]
 NONE = -1.0  # A time that has not come [s after the start]
@@ -95,16 +96,19 @@ def endless_tasks(seed: int, truck: Truck, places: int, pause: float) -> Iterato
         yield Task(None, "", "", load, 0.0, dwell, height, ranks=rng.random(places), pause=rest)
 
 
-def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0) -> list[Task]:
-    """Tasks of a CSV whose columns are ``COLUMNS``; :class:`InputError` names the line at fault."""
+def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0, start: int = 0) -> list[Task]:
+    """Tasks of a CSV whose columns are ``COLUMNS``, or of an export but those whose place to go to is open;
+    ``start`` of the simulation [us]. :class:`InputError` names the line at fault."""
     path, data, place = Path(path), read_whole(Path(path), SETTINGS), "line 1"
     tasks, rng = [], np.random.default_rng(seed)
     try:
         reader = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""), restval="")
-        _check_header(list(reader.fieldnames or ()))
+        reader.fieldnames = [EXPORTED.get(name, name) for name in reader.fieldnames or ()]
+        _check_header([*reader.fieldnames])
         for row in reader:
             place = f"line {reader.line_num}"
-            tasks.append(_task(row, site, truck, rng))
+            if row["to"] or "status" not in row:
+                tasks.append(_task(row, site, truck, rng, start))
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"not readable as CSV: {error}", where=path, do="write UTF-8 text") from None
     except InputError as error:
@@ -124,7 +128,7 @@ def _check_header(names: list[str]) -> None:
             raise InputError(f"has no column {name!r}", do=known)
 
 
-def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generator) -> Task:
+def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generator, start: int) -> Task:
     if None in row:
         raise InputError("has more fields than the header")
     known = [p.id for p in site.places]
@@ -135,15 +139,16 @@ def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generato
     if row["from"] == row["to"]:
         raise InputError(f"from and to are both {row['to']!r}", do="name two places")
     payload = _number(row, "payload", 0.5 * truck.chassis.rated_load)
-    earliest = _number(row, "earliest", 0.0)
+    earliest = _number(row, "earliest", 0.0, start)
     given = (row.get("vehicle") or "").strip()
     vehicle = given if given not in ("", "any") else None
     return Task(vehicle, row["from"], row["to"], payload, earliest, *random_visits(rng))
 
 
-def _number(row: dict[str, str], name: str, default: float) -> float:
+def _number(row: dict[str, str], name: str, default: float, start: int = 0) -> float:
+    text = (row.get(name) or "").strip()
     try:
-        return Between(0.0)((row.get(name) or "").strip() or default)
+        return Between(0.0)((moment(text) - start) / 1e6 if ":" in text else text or default)
     except ValueError as error:
         raise InputError(f"{name} {error}") from None
 

@@ -44,7 +44,7 @@ class Dataset:
         if not description.is_file():
             what = "is not a dataset (it has no dataset.json)" if self.path.exists() else "no such dataset"
             raise InputError(what, where=self.path, do="make one with fleetlog import or fleetlog simulate")
-        with _undamaged(description):
+        with undamaged(description):
             self._text = description.read_text(encoding="utf-8")
             self.meta: dict[str, Any] = json.loads(self._text)
             if (version := self.meta["format_version"]) != FORMAT_VERSION:
@@ -124,13 +124,13 @@ class Dataset:
     @cached_property
     def site(self) -> Site:
         """The site that it was made with."""
-        with _undamaged(self.path / "site.json"):
+        with undamaged(self.path / "site.json"):
             return site_from_dict(json.loads(self.site_text))
 
     @cached_property
     def site_text(self) -> str:
         """The file of the site."""
-        with _undamaged(self.path / "site.json"):
+        with undamaged(self.path / "site.json"):
             return (self.path / "site.json").read_text(encoding="utf-8")
 
     @cached_property
@@ -139,7 +139,7 @@ class Dataset:
         import pandas as pd
 
         file = self.path / "trips.parquet"
-        with _undamaged(file), file.open("rb") as stream:
+        with undamaged(file), file.open("rb") as stream:
             return pd.read_parquet(stream)
 
     def parts(self, vehicle: str, date: str | None = None) -> list[Path]:
@@ -181,7 +181,7 @@ def _reopened(path: str, text: str) -> Dataset:
 
 
 @contextmanager
-def _undamaged(path: Path) -> Iterator[None]:
+def undamaged(path: Path) -> Iterator[None]:
     """Whatever goes wrong while a file of a dataset is read is damage of that file."""
     try:
         yield
@@ -210,7 +210,7 @@ def _pieces(
 
 def _of(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int | None) -> Iterator[Trajectory]:
     """The rows of one Parquet file, ``rows`` at a time or all at once; of ``columns`` those that it has."""
-    with _undamaged(path), path.open("rb") as stream, pq.ParquetFile(stream) as file:
+    with undamaged(path), path.open("rb") as stream, pq.ParquetFile(stream) as file:
         have = {*file.schema_arrow.names, "timestamp"}
         wanted = None if columns is None else [c for c in dict.fromkeys(["timestamp", *columns]) if c in have]
         if rows is None:

@@ -17,8 +17,7 @@ import pyarrow.parquet as pq
 from fleetlog.core.arrays import Array, Floats, Ints
 from fleetlog.core.columns import ARROW, Column, schema_of
 from fleetlog.core.trajectory import Labels, own_array
-from fleetlog.errors import InputError
-from fleetlog.store.dataset import Dataset
+from fleetlog.store.dataset import Dataset, undamaged
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,7 +97,5 @@ def read_table(dataset: Dataset, name: Name, *, compact: bool = False) -> pd.Dat
         return None
     path = dataset.path / str(entry["file"])
     labels = [c.name for c in TABLES[name] if c.kind == "label"] if compact else []
-    try:
+    with undamaged(path):
         return pq.read_table(path, read_dictionary=labels).to_pandas()  # type: ignore[no-any-return]
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"damaged: {error}", where=path, do="simulate again") from None

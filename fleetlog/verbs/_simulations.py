@@ -34,7 +34,6 @@ Told = tuple[dict[str, Any], list[str]]  # A summary, and the same in sentences
 def answer(asked: Asked) -> Answer:
     """Run what is asked for."""
     read = inputs.files_of(asked.site, asked.truck, asked.like, asked.tasks, asked.physics, asked.experiment)
-    settings = inputs.files_of(asked.site, asked.truck, asked.tasks, asked.physics)
     like = None if asked.like is None else str(inputs.as_path(asked.like))
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
@@ -46,7 +45,7 @@ def answer(asked: Asked) -> Answer:
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
     create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=read)
     with create(target, "simulated", asked.site) as writer:
-        writer.provenance = provenance([p for p in settings if p.is_file()], asked.seed, like=like)
+        writer.provenance = provenance(read, asked.seed, like=like, truck=asdict(asked.truck.chassis))
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         writer.summary, lines = run(asked, writer)
         if asked.recording:
@@ -99,6 +98,8 @@ def _physics(asked: Asked) -> Physics:
 
 
 def _experiment(asked: Asked, read: list[Path]) -> Answer:
+    from fleetlog.report.experiment import experiment_page
+
     factors, fleet = [factor(text) for text in asked.vary], asked.vehicles
     with destination(asked.output, "analysis", asked.overwrite, read) as keep:
         made = [_scenario(asked, seed) for seed in range(asked.seed, asked.seed + asked.runs)]
@@ -110,7 +111,9 @@ def _experiment(asked: Asked, read: list[Path]) -> Answer:
         names = [f.name for f in factors]
         if double := {name for name in names if names.count(name) > 1}:
             raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", where="--vary")
-        return keep(Answer.of(experiment(bases, factors), asked.site))
+        result = experiment(bases, factors)
+        result.summary["provenance"] = provenance(read, asked.seed)
+        return keep(Answer.of(result, asked.site, page=experiment_page(result, asked.site)))
 
 
 def _fleet(asked: Asked, writer: DatasetWriter) -> Told:
@@ -138,7 +141,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
         site, demand, notes = demands.like(like, site, truck, vehicles, start, asked.duration, seed, same)
         notes += untold
     if asked.tasks is not None:
-        demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed), endless=False)
+        demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed, start), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
     settings = Settings(
         vehicles, asked.duration, asked.step, 1.0 / (asked.rate or 1e-9), start, seed, asked.soc,

@@ -13,7 +13,7 @@ def export(
     dataset: DatasetLike, *, to: Annotated[str, PartOf("fleetlog.exporters", "write")], output: PathLike,
     vehicle: tuple[str, ...] = (), overwrite: bool = False,
 ) -> Answer:  # fmt: skip
-    """Write DATASET in another format: tables, tracks, recordings, SUMO.
+    """Write DATASET in another format: tables, tasks, tracks, recordings, SUMO, OpenSCENARIO.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
         columns, beside = (2 if len(shown) > 1 else 1 for shown in (maps, panels))
         room = (WIDTH / columns - 1.0) * _map_ratio(result, site) + 0.9
         heights = [float(np.clip(room, 2.6, 8.5 if columns == 1 else 6.0))] * -(-len(maps) // columns)
-        needs = [bars_height(p) if isinstance(p, Bars) else PANEL_HEIGHT for p in panels]
+        needs = list(map(panel_height, panels))
         heights += [max(PANEL_HEIGHT, *needs[k : k + beside]) for k in range(0, len(needs), beside)]
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
@@ -87,7 +87,7 @@ def svg(
     own: Any = {"font.size": 10.0, "legend.fontsize": 9.0, "svg.fonttype": "none", "svg.hashsalt": salt}
     with matplotlib.rc_context({**STYLE, **own}):
         if isinstance(shape, Panel):
-            height = bars_height(shape) if isinstance(shape, Bars) else PANEL_HEIGHT
+            height = panel_height(shape)
         else:
             height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
         figure = Figure(figsize=(ON_PAGE, height), dpi=DPI, layout="constrained")
@@ -212,9 +212,11 @@ def draw_bars(axes: Axes, bars: Bars) -> None:
         axes.text(1, 0, f"and {more} more", transform=axes.transAxes, ha="right", va="bottom", color=SOFT)
 
 
-def bars_height(bars: Bars) -> float:
-    """Height that labelled bars need [inches]."""
-    return 1.1 + 0.19 * max(min(len(bars.labels), MAX_BARS), 3) + (0.25 if bars.parts else 0.0)
+def panel_height(panel: Panel) -> float:
+    """Height that a panel needs [inches]: labelled bars a line each, an experiment one for every curve."""
+    if isinstance(panel, Bars):
+        return 1.1 + 0.19 * max(min(len(panel.labels), MAX_BARS), 3) + (0.25 if panel.parts else 0.0)
+    return PANEL_HEIGHT + (0.19 * min(len(panel.curves), MAX_BARS) if isinstance(panel, Spread) else 0.0)
 
 
 def draw_spread(axes: Axes, spread: Spread) -> None:
@@ -242,7 +244,7 @@ def draw_spread(axes: Axes, spread: Spread) -> None:
         axes.set(ylabel=spread.x_label, ylim=(len(at) - 0.5, -0.5))
     _lines(axes, "y" if number else "x")
     if any(spread.curves):
-        axes.legend()
+        _legend(axes, list(spread.curves))
 
 
 def _lines(axes: Axes, along: Any) -> None:

@@ -53,7 +53,7 @@ MakeDataset = Callable[..., Dataset]
 
 @pytest.fixture
 def make_dataset(tmp_path: Path) -> MakeDataset:
-    def make(*, earth: bool = True, vehicles: int = 3, rows: int = 120) -> Dataset:
+    def make(*, earth: bool = True, vehicles: int = 3, rows: int = 120, tasks: int = 0) -> Dataset:
         site = square_site()
         if not earth:
             site = replace(site, frame=None)
@@ -63,6 +63,26 @@ def make_dataset(tmp_path: Path) -> MakeDataset:
                 # the last one drives past midnight
                 start = START + (18 * 3600 * 1_000_000 - 5_000_000 if i == vehicles - 1 else 0)
                 writer.write(drive(f"T {i:02d}" if i == 1 else f"T{i:02d}", rows, i, start))
+            if tasks:
+                writer.tables.add("tasks", task_rows(tasks, vehicles))
         return Dataset(path)
 
     return make
+
+
+def task_rows(count: int, vehicles: int) -> dict:
+    """Tasks, the last of which nobody has taken yet and whose place to go to is open."""
+    number, open_end = np.arange(count), np.arange(count) == count - 1
+    time = START + number * 1_000_000
+    names = Labels.of(
+        [None if last else f"T{k % vehicles:02d}" for k, last in zip(number, open_end, strict=True)]
+    )
+    done = {
+        name: np.where(open_end, -1, time + k * 500_000)
+        for k, name in enumerate(("assigned", "picked", "dropped"))
+    }
+    return {
+        "task": number, "vehicle_id": names, "from_place": Labels.of(["a"] * count), "earliest": time,
+        "to_place": Labels.of([None if last else "=b" for last in open_end]), "payload": number * 100.0, **done,
+        "status": Labels.of(["waiting" if last else "done" for last in open_end]),
+    }  # fmt: skip

@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from fleetlog.core.trajectory import Labels
@@ -239,7 +240,7 @@ def test_packed_csv_is_the_same(suffix: str, make_dataset, tmp_path: Path) -> No
 
 
 def test_twice_the_same_bytes(make_dataset, tmp_path: Path) -> None:
-    dataset = make_dataset(vehicles=1)
+    dataset = make_dataset(vehicles=1, tasks=4)
     for name in base.FORMATS.names():
         for run in "ab":
             export_dataset(dataset, name, tmp_path / run / f"T00.{name}")
@@ -252,7 +253,7 @@ def test_refusals_are_one_line_and_leave_nothing(make_dataset, tmp_path: Path) -
     out = tmp_path / "out"
     for dataset, to, options, error in (
         (many, "tum", {}, DataError), (many, "kitti", {}, DataError), (local, "gpx", {}, DataError),
-        (many, "gpxx", {}, InputError), (many, "csv", {"vehicles": ("T0",)}, DataError),
+        (many, "gpxx", {}, InputError), (many, "tasks", {}, DataError), (many, "csv", {"vehicles": ("T0",)}, DataError),
     ):  # fmt: skip
         with pytest.raises(error) as caught:
             export_dataset(dataset, to, out, **options)
@@ -275,3 +276,18 @@ def test_one_vehicle_can_be_chosen(make_dataset, tmp_path: Path) -> None:
     dataset = make_dataset(vehicles=3)
     out = tmp_path / "T02.tum"
     assert export_dataset(dataset, "tum", out, vehicles=("T02",))["rows"] == len(dataset.read("T02"))
+
+
+def test_tasks_are_the_rows_of_their_table_with_times_of_iso_8601(make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(vehicles=2, tasks=7)
+    summary = export_dataset(dataset, "tasks", tmp_path / "tasks.csv")
+    expected = pd.read_parquet(dataset.path / "tasks.parquet")
+    expected["to_place"] = expected["to_place"].str.replace("=b", "'=b")  # a spreadsheet would run it
+    found = pd.read_csv(tmp_path / "tasks.csv")
+    assert summary["rows"] == len(found) == 7 and list(found) == list(expected)
+    for name in ("earliest", "assigned", "picked", "dropped"):
+        assert found[name].dropna().str.endswith("Z").all()
+        found[name] = pd.to_datetime(found[name], utc=True)
+    pd.testing.assert_frame_equal(found, expected, check_dtype=False)
+    one = export_dataset(dataset, "tasks", tmp_path / "one.csv", vehicles=("T00",))
+    assert one["rows"] == (expected.vehicle_id == "T00").sum() == 3

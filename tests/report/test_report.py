@@ -273,3 +273,72 @@ def test_what_the_report_adds_are_analyses_of_their_own(write, tmp_path: Path, n
     answer = fleetlog.analyze(name, write(trucks, site), output=tmp_path / name)
     assert (tmp_path / name / f"{name}.json").is_file() and (tmp_path / name / f"{name}.png").is_file()
     assert answer.lines and (answer.tables or answer.places)
+
+
+@pytest.fixture(scope="module")
+def sample(project_root: Path) -> dict:
+    folder = project_root / "sample_data"
+    return {"site": folder / "site.toml", "truck": folder / "truck.toml", "recording": False, "seed": 1}
+
+
+def test_a_simulation_says_what_limits_it_and_a_recording_does_not(write, sample) -> None:
+    simulated = fleetlog.simulate(**sample, vehicles=14, duration="10m")
+    found, limits = report(simulated), simulated.summary["limits"]
+    worst, said = limits["bottleneck"], Tags(found.page).text
+    assert "What limits the fleet" in said and limits["one_more"]["statement"][1:] in said
+    assert f"busy for {100 * worst['utilisation']:.0f} % of the time" in " ".join(found.lines)
+    for r in limits["resources"]:
+        assert r["kind"] in said and f"{r['queue']:.1f}" in said and (r["name"] or "–") in said
+    recorded = fleet(write)
+    assert "What limits the fleet</h2>" not in report(recorded).page
+    both = report([recorded, simulated]).page
+    section = both[both.index("What limits the fleet</h2>") :]
+    assert f"<h3>{simulated.dataset.path.name}</h3>" in section[: section.index("<h2>")]
+
+
+def test_a_planned_fleet_says_how_long_tasks_wait(sample, tmp_path: Path) -> None:
+    tasks = tmp_path / "tasks.csv"
+    tasks.write_text("from,to,earliest\n" + "dock-1,rack-1,0\n" * 6)
+    simulated = fleetlog.simulate(**sample, vehicles=2, duration="10m", tasks=tasks, shadow=False)
+    mean = simulated.summary["limits"]["task_wait_s"]["mean"]
+    assert mean > 0.0 and f"tasks wait {mean:.0f} s for a truck" in Tags(report(simulated).page).text
+
+
+def test_a_longer_stop_at_the_end_of_a_trip_is_no_driving_time(write) -> None:
+    def pair(stop: float) -> pd.Series:
+        rows = [straight("A", (0, 0), (1.0, 0), 60.0), straight("A", (60.0, 0), (0.0, 0), stop, begin=61.0)]
+        found = report(write(rows, name=f"d{stop:.0f}")).tables["trips_between_places"]
+        assert len(found) == 1
+        return found.iloc[0]
+
+    short, long = pair(30.0), pair(600.0)
+    assert long.duration_mean - short.duration_mean == pytest.approx(570.0, abs=2.0)
+    assert long.driving_time_mean == pytest.approx(short.driving_time_mean) == pytest.approx(60.0, abs=2.0)
+
+
+@pytest.fixture(scope="module")
+def experiment(sample, tmp_path_factory) -> fleetlog.Result:
+    folder = tmp_path_factory.mktemp("experiment") / "vehicles & more"
+    return fleetlog.simulate(
+        **sample, vehicles="2..3", vary="policy=opportunity,threshold", runs=2, duration="4m", output=folder
+    )
+
+
+def test_the_page_of_an_experiment_needs_nothing_from_outside(experiment, tmp_path: Path) -> None:
+    page = tmp_path / "e.html"
+    assert run(experiment.output, "-o", page)[0] == 0
+    tags = Tags(page.read_text(encoding="utf-8"))
+    assert page.read_bytes() == (experiment.output / "report.html").read_bytes()
+    assert fleetlog.report(experiment.output).page == experiment.page == page.read_text(encoding="utf-8")
+    assert not {"script", "link", "iframe", "object", "img"} & set(tags.tags)
+    assert tags.tags.count("svg") == len(experiment.shapes) >= 3
+    for line in experiment.lines:  # every cell of the table in the terminal stands on the page
+        assert all(cell in tags.text for cell in re.split(r"  +", line.strip()))
+    assert experiment.summary["provenance"]["command"] in tags.text
+    for word in ("Bottleneck", "Most tasks are done with vehicles 3", "seed by seed", "sample plant"):
+        assert word in tags.text
+
+
+def test_an_experiment_stands_alone(experiment, tmp_path: Path) -> None:
+    status, said = run(experiment.output, experiment.output, "-o", tmp_path / "r.html")
+    assert status == 1 and "is not a dataset" in said and not (tmp_path / "r.html").exists()

@@ -32,6 +32,7 @@ def test_a_fleet_on_the_sample_plant(sample, tmp_path):
     assert summary["rows"] == data.rows == 3 * 300
     assert data.kind == "simulated"
     assert data.meta["provenance"]["seed"] == 1
+    assert data.meta["provenance"]["truck"]["length"] == 3.2
     told = describe(out)
     assert told["tasks"]["all"] == summary["tasks_given"]
     assert told["tasks"].get("done", 0) == summary["tasks_done"]

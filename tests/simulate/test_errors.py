@@ -87,6 +87,22 @@ def test_files_that_hold_no_tasks(tmp_path, data, told):
     assert told in one_line(error)
 
 
+def test_exported_tasks_are_the_same_tasks(tmp_path):
+    site = grid(places=[place(1, "pick", 15, 3), place(1, "drop", 45, 33)])
+    plain, exported = tmp_path / "tasks.csv", tmp_path / "exported.csv"
+    plain.write_text("vehicle,from,to,payload,earliest\nT1,pick1,drop1,800,90\n,pick1,drop1,700,0.5\n")
+    exported.write_text(
+        "task,vehicle_id,from_place,to_place,payload,earliest,status\n"
+        "0,T1,pick1,drop1,800,2026-01-05T06:01:30.000000Z,done\n"
+        "1,,pick1,drop1,700,2026-01-05 06:00:00.500000+00:00,waiting\n"
+        "2,T1,pick1,,700,2026-01-05T06:02:00Z,assigned\n"
+    )
+    start = 1_767_592_800_000_000
+    assert read_tasks(exported, site, TRUCK, 3, start) == read_tasks(plain, site, TRUCK, 3)
+    with pytest.raises(InputError, match="line 3"):
+        read_tasks(exported, site, TRUCK, 3, start + 1_000_000)
+
+
 def test_a_line_break_in_a_cell_does_not_shift_the_lines(tmp_path):
     file = tmp_path / "tasks.csv"
     file.write_text('from,to,payload,note\npick1,drop1,5,"a\nb"\n\npick1,drop1,-5,\n')

@@ -102,6 +102,17 @@ def test_intervals_are_those_of_student_and_changes_are_taken_seed_by_seed():
     assert table.tasks_per_h_change_ci[1] == pytest.approx(half_width(rate[1] - rate[0]))
 
 
+def test_shares_are_ratios_in_tables_and_per_cent_for_people():
+    result = experiment([base(8)], [factor("vehicles=2,12")])
+    for table in result.tables.values():
+        shares = table[[c for c in table if "_share" in c and not c.endswith("_ci")]]
+        assert len(shares.columns) and shares.abs().to_numpy().max() <= 1.0
+    share = result.tables["variants"].waiting_share.iloc[-1]
+    assert share > 0.001 and f"{100.0 * share:.1f} %" in result.lines[-1]
+    (drawn,) = (s for s in result.shapes if s.name == "waiting_share")
+    assert drawn.y_label.endswith("[%]") and drawn.curves[""][-1].tolist() == pytest.approx([100.0 * share])
+
+
 def test_an_impossible_variant_is_told_and_the_others_run():
     result = experiment([base()], [factor("vehicles=2,900")])
     table = result.tables["variants"]
@@ -133,7 +144,12 @@ def test_an_experiment_from_a_file(plan):
     summary = json.loads(outcome.stdout)
     assert summary["factors"] == {"vehicles": ["2", "3"], "policy": ["opportunity", "threshold"]}
     assert summary["seeds"] == [0] and len(summary["variants"]) == 4
-    assert {f.name for f in (plan / "out").iterdir()} >= {"experiment.json", "experiment.png", "runs.parquet"}
+    assert {f.name for f in (plan / "out").iterdir()} >= {
+        "experiment.json",
+        "experiment.png",
+        "report.html",
+        "runs.parquet",
+    }
 
 
 @pytest.mark.parametrize(

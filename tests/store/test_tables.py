@@ -47,7 +47,7 @@ def test_a_table_at_fault_is_one_line(tmp_path):
     with pytest.raises(InputError, match="damaged"):
         events.read_table(dataset, "reservations")
     path.unlink()
-    with pytest.raises(InputError, match="simulate again"):
+    with pytest.raises(InputError, match="make the dataset again"):
         events.read_table(dataset, "reservations")
 
 

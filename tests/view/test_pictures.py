@@ -32,7 +32,7 @@ from fleetlog.core.result import (
 from fleetlog.core.site import Site
 from fleetlog.errors import OutputError
 from fleetlog.view.palette import scale_of, scales_of, screen_colours
-from fleetlog.view.picture import draw_spread, write_picture
+from fleetlog.view.picture import draw_spread, panel_height, write_picture
 from fleetlog.view.results import write_result_recording
 
 EMPTY: list[Shape] = [
@@ -173,3 +173,20 @@ def test_an_experiment_draws_every_run_and_the_interval_of_their_mean(values):
     np.testing.assert_allclose(ends, 2.0 + np.array([-1, 1]) * half_width(runs[0]))
     labels = axes.get_xticklabels() if number else axes.get_yticklabels()
     assert [text.get_text() for text in labels] == list(values)
+
+
+def test_a_legend_of_many_curves_lies_on_no_data() -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    runs = [np.array([1.0, 2.0]), np.array([3.0, 4.0])]
+    curves = {f"policy opportunity, close gate-{k}+gate-{k + 1}": runs for k in range(6)}
+    shape = Spread("rate", ("1", "2"), curves, "x", "y")
+    figure = Figure(figsize=(4.0, panel_height(shape)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    draw_spread(axes, shape)
+    figure.draw_without_rendering()
+    legend, data = axes.get_legend().get_window_extent(), axes.get_window_extent()
+    assert len(axes.get_legend().get_texts()) == 6 and legend.y0 >= data.y1 - 1.0
+    assert data.height > 1.2 * figure.dpi  # there is room left for the curves
