@@ -22,7 +22,7 @@ LOADED = {
     "mapmatch/osmnx_drive_graph.graphml": (1028, 109460, 2365),
 }
 REFUSED = {
-    "mapmatch/downtown_denver.geojson": "no road in it: 1 features",
+    "mapmatch/downtown_denver.geojson": "no road in it: 1 feature",
     "mapmatch/sample_trace_1.csv": "not a map of a known format",
     "mapmatch/sample_trace_2.csv": "not a map of a known format",
     "mapmatch/sample_trace_3.csv": "not a map of a known format",
