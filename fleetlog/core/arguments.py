@@ -60,7 +60,7 @@ class Between:
             raise ValueError(f"{value} is not a {'whole' if self.whole else 'finite'} number")
         on_bound = (self.above and number == self.low) or (self.below and number == self.high)
         if on_bound or not self.low <= number <= self.high:
-            raise ValueError(f"{value} is not {self}")
+            raise ValueError(f"{value} must be {self}")
         return number
 
     def __str__(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from fleetlog import engines, scratch
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
+from fleetlog.core.words import count
 from fleetlog.errors import DataError, FleetlogError, nearest
 from fleetlog.listening import listening, progress, unheard
 from fleetlog.physics.power import Physics
@@ -108,7 +110,7 @@ def one_more(scenario: Scenario, before: Summary) -> dict[str, Any]:
         return {"what": what, "statement": f"{what}: there is no room for it beside the road"}
     done, waiting = after.count.tasks_done, after.waiting_s
     waits = before.limits.task_wait_s["mean"], after.limits.task_wait_s["mean"]
-    statement = f"{what}: {done} tasks done instead of {before.count.tasks_done}, "
+    statement = f"{what}: {count(done, 'task')} done instead of {before.count.tasks_done}, "
     statement += f"{waiting / 3600.0:.2f} truck hours of waiting instead of {before.waiting_s / 3600.0:.2f}"
     if max(waits) > 0.0:
         statement += f", tasks wait {waits[1]:.0f} s instead of {waits[0]:.0f} s"
@@ -202,15 +204,18 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
     import pandas as pd
 
     plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
-    rows = []
+    rows, notes = [], defaultdict[int, dict[str, None]](dict)
     results = engines.current().run(attempt, [s for *_, s in plan], lambda s: f"seed {s.settings.seed}")
     for (number, seed, values, _), outcome in zip(plan, results, strict=True):
         rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
+        notes[number] |= dict.fromkeys([] if isinstance(outcome, str) else outcome.notes)
         progress("experiment", len(rows) / len(plan))
     runs = pd.DataFrame(rows).sort_values(["variant", "seed"], ignore_index=True)
     if "tasks_done" not in runs:
         raise DataError(f"no run is possible: {runs.error[0]}", do="change the site or what is varied")
     table = _compared(runs, [f.name for f in factors])
+    # What is so in a variant and not in the first, such as a place that cannot be reached any more.
+    table["notes"] = ["; ".join(note for note in notes[k] if note not in notes[0]) for k in table.variant]
     summary = {
         "factors": {f.name: list(f.values) for f in factors}, "seeds": [b.settings.seed for b in bases],
         "variants": table.to_dict("records"),
@@ -258,11 +263,14 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
 def _lines(table: pd.DataFrame, factors: Sequence[Factor]) -> list[str]:
     """The table for the terminal."""
     head = [*(f.name for f in factors), "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
-    rows = [[*(str(r[f.name]) for f in factors), *_cells(r)] for r in table.to_dict("records")]
+    records = table.to_dict("records")
+    rows = [[*(str(r[f.name]) for f in factors), *_cells(r)] for r in records]
     if not table.task_wait_s.any():
         head, *rows = ([*row[:-2], row[-1]] for row in [head, *rows])
     wide = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
-    return ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in [head, *rows]]
+    lines = ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in [head, *rows]]
+    noted = [r for r in records if r["notes"]]
+    return lines + [", ".join(f"{f.name}={r[f.name]}" for f in factors) + f": {r['notes']}" for r in noted]
 
 
 def _cells(row: Mapping[Any, Any]) -> list[str]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.site import Site
+from fleetlog.core.words import count
 from fleetlog.errors import SiteError
 from fleetlog.roads.kernels.routes import quickest
 from fleetlog.roads.routing import Router
@@ -79,8 +80,8 @@ def recorded_turns(dataset: Dataset, network: Network) -> list[tuple[int, int]]:
     """Edges of a network at whose end recorded trucks turned round, each with the opposite edge."""
     found = each_day(dataset, _half_turns, kinds=(), cost=0.2e-6)
     none = np.zeros((0, 2), np.int64)
-    pairs, count = np.unique(np.concatenate([none, *found]), axis=0, return_counts=True)
-    found_ids = np.array(dataset.site.roads().edge_ids)[pairs[count >= SEEN]].tolist()
+    pairs, seen = np.unique(np.concatenate([none, *found]), axis=0, return_counts=True)
+    found_ids = np.array(dataset.site.roads().edge_ids)[pairs[seen >= SEEN]].tolist()
     return [(network.index[a], network.index[b]) for a, b in found_ids if {a, b} <= network.index.keys()]
 
 
@@ -100,11 +101,11 @@ def with_loops(site: Site) -> tuple[Site, list[str]]:
     network = site.roads()
     if (parts(network) >= 0).any():
         return site, []
-    network, count = turning_round(network)
+    network, ends = turning_round(network)
     if (parts(network) < 0).all():
         what = f"{NO_WAY_BACK}: a truck that leaves a place could not return"
         raise SiteError(what, do="join the ends of the lanes, or draw roads in both directions")
-    return replace(site, network=network), [f"{NO_WAY_BACK}: trucks turn round at {count} open ends"]
+    return replace(site, network=network), [f"{NO_WAY_BACK}: trucks turn round at {count(ends, 'open end')}"]
 
 
 class Itinerary(NamedTuple):

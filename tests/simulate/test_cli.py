@@ -95,6 +95,20 @@ def test_the_cycle_agrees_with_the_energy_worked_out_by_hand(tmp_path):
     assert json.loads(done.stdout)["mean_power_w"] == pytest.approx(4600.0, rel=0.05)
 
 
+def test_places_cut_off_by_closed_roads_are_left_out_and_named(sample, tmp_path):
+    gates = ["gate-0", "gate-1", "gate-2"]
+    closed = [word for gate in gates for word in ("--close", gate)]
+    few = [*sample, "--vehicles", 3, "--duration", "2m", "--no-recording"]
+    alone = run(*few, *closed, "--json", "-o", tmp_path / "alone")
+    assert alone.exit_code == 0, alone.output
+    told = [n for n in json.loads(alone.stdout)["notes"] if "cannot be reached from the others" in n]
+    assert len(told) == 1 and "'rack-2'" in told[0] and "'dock-1'" in told[0] and "'line-1'" not in told[0]
+    both = run(*few, "--vary", f"close={'+'.join(gates)}", "--json", "-o", tmp_path / "both")
+    assert both.exit_code == 0, both.output
+    open_site, cut = json.loads(both.stdout)["variants"]
+    assert open_site["notes"] == "" and told[0] in cut["notes"] and cut["possible"] == 1
+
+
 @pytest.mark.parametrize(
     "arguments, told",
     [

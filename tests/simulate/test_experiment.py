@@ -139,7 +139,7 @@ def test_an_experiment_from_a_file(plan):
 @pytest.mark.parametrize(
     "arguments, told",
     [
-        (("--runs", "0"), "not at least 1"),
+        (("--runs", "0"), "must be at least 1"),
         (("--vary", "vehicles=3..4"), "varied twice"),
         (("--vehicles", "3..x"), "neither a number nor a range"),
         (("--cycle", "vdi2198"), "an experiment is for a fleet"),

@@ -8,13 +8,14 @@ import pytest
 from laws import overlaps
 from simulated_sites import TRUCK, grid, place
 
-from fleetlog.core.site import Zone, site_from_dict, site_to_dict
+from fleetlog.core.site import Site, Zone, site_from_dict, site_to_dict
 from fleetlog.core.truck import load_truck
 from fleetlog.errors import DataError, SiteError, TruckError
 from fleetlog.roads.load import load_site
 from fleetlog.simulate.demand import like
 from fleetlog.simulate.state import Trucks
 from fleetlog.simulate.tasks import Demand, Task
+from fleetlog.simulate.world import Crossings
 from fleetlog.store.events import read_table
 from fleetlog.store.results import write_site
 
@@ -62,7 +63,7 @@ def test_a_truck_file_brings_others_beside_it(tmp_path):
     file.write_text('[chassis]\nmass = 4000.0\n[[fleet]]\ntruck = "small.toml"\ncount = 2\n')
     trucks = Trucks.given(load_truck(file), 5)
     assert [trucks[v].chassis.mass for v in range(5)] == [4000.0] * 3 + [2000.0] * 2
-    with pytest.raises(DataError, match="more than the 1 vehicles"):
+    with pytest.raises(DataError, match="more than the vehicles"):
         Trucks.given(load_truck(file), 1)
     for wrong in (
         'truck = "none.toml"\ncount = 1',
@@ -100,6 +101,19 @@ def test_trucks_wait_for_people_who_cross_and_never_drive_through_them(simulated
     assert inside.any(), "trucks still pass when nobody crosses"
     assert not overlaps(crossed)
     assert crossed.summary.count.deadlocks == 0
+
+
+def test_a_zone_is_open_for_a_mean_time_between_crossings_of_one_length():
+    square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+    zone = Zone("walk", square, closed_every=120.0, closed_for=10.0)
+    crossings, closed, seen = Crossings(Site(zones=(zone,)), np.ones((1, 1)), seed=1), np.zeros(1, bool), []
+    for second in range(400_000):
+        crossings.tick(float(second), closed)
+        seen.append(closed[0])
+    change = np.flatnonzero(np.diff(np.array(seen, int)))
+    lasted = np.diff(change)
+    assert not seen[0] and set(lasted[::2]) <= {9, 10, 11}
+    assert lasted[1::2].mean() == pytest.approx(120.0, rel=0.1)
 
 
 def test_chargers_together_keep_to_the_limit_of_the_site(simulated):
