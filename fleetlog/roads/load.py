@@ -176,6 +176,15 @@ def _rows(data: dict[str, Any], name: str, where: Path) -> list[dict[str, Any]]:
         if row["id"] in out:
             what = f"the id {row['id']!r} occurs twice"
             raise SiteError(what, where=where, place=f"{name}[{n}]", do="rename one")
+        idle = {
+            "power": ("is for chargers that swap no batteries", row.get("kind") != "charge" or "swap" in row),
+            "swap": ("is for places of kind charge", row.get("kind") != "charge"),
+            "closed_for": ("needs closed_every beside it", "closed_every" not in row),
+            "until": ("is when the break begins", row.get("until") == row.get("from")),
+        }
+        for key, (what, so) in idle.items():
+            if so and key in row:
+                raise SiteError(what, where=where, place=f"{name}[{n}].{key}", do="correct it")
         out[row["id"]] = row
     return list(out.values())
 

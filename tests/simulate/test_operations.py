@@ -190,6 +190,25 @@ def test_operations_are_kept_with_a_site(tmp_path):
             load_site(tmp_path)
 
 
+def test_what_has_no_effect_in_a_site_is_an_error_that_names_its_key(tmp_path):
+    (file := tmp_path / "site.toml").write_text("")
+    pick = '[[place]]\nid = "p"\nkind = "pick"\nx = 0.0\ny = 0.0\n'
+    zone = "[[zone]]\npolygon = [[0, 0], [4, 0], [4, 4]]\n"
+    for idle, key in (
+        (f"{pick}swap = 60.0", "place[0].swap"),
+        (f"{pick}power = 60.0", "place[0].power"),
+        (f"{pick.replace('pick', 'charge')}swap = 60.0\npower = 60.0", "place[0].power"),
+        (f"{zone}closed_for = 5.0", "zone[0].closed_for"),
+        ('[[break]]\nfrom = "06:20"\nuntil = "06:20"', "break[0].until"),
+    ):
+        file.write_text(idle)
+        with pytest.raises(SiteError) as error:
+            load_site(file)
+        assert key in str(error.value) and "site.toml" in str(error.value)
+    file.write_text(f"{zone}closed_every = 60.0")
+    assert load_site(file)[0].zones[0].closed_for == 10.0
+
+
 def test_a_break_may_last_past_midnight():
     site = replace(grid(2, 2), breaks=((22.0 * 3600.0, 6.0 * 3600.0),))
     assert [site.on_break(h * 3600.0) for h in (21.9, 22.1, 2.0, 5.9, 6.1)] == [
