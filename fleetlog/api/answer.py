@@ -145,14 +145,14 @@ def destination(
         yield keep
 
 
-def write_folder(result: Result, site: Site, folder: Path) -> None:
-    """Write ``NAME.json``, tables as Parquet, places as GeoJSON, ``NAME.png`` and ``recording.rrd``."""
+def write_folder(result: Result, site: Site, folder: Path, recording: bool = True) -> None:
+    """Write ``NAME.json``, tables as Parquet, places as GeoJSON, ``NAME.png``; a ``recording`` too."""
     from fleetlog.store.results import write_result
     from fleetlog.view.picture import write_picture
     from fleetlog.view.results import write_result_recording
 
-    recording = partial(write_result_recording, result, site, folder / "recording.rrd")
-    beside: engines.Tasks = [partial(write_result, result, folder, site.frame), recording]
+    replay = partial(write_result_recording, result, site, folder / "recording.rrd")
+    beside: engines.Tasks = [partial(write_result, result, folder, site.frame), *[replay] * recording]
     picture = partial(write_picture, result, site), [folder / f"{result.name}.png"]
     for _ in engines.current().run(*picture, beside=beside, cost=PICTURE_COST):
         pass

@@ -6,7 +6,6 @@ from functools import lru_cache
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.core.network import Network
 from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, listed
@@ -165,27 +164,21 @@ def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], s
         near[place.id] = np.array([lane for _, lane, _ in lanes], dtype=np.int64)
     maker.lasting = main_part(network, near.values())
     out = {p.id: why for p in site.places if (why := _at_place(maker, p, near[p.id], p.id in mined))}
-    left_out = {why: listed([repr(p) for p in out if out[p] == why]) for why in out.values()}
-    notes = _apart(network, maker.lasting)
-    notes += [f"places left out, {why}: {names}" for why, names in left_out.items()]
+    # Trucks come to the other direction of a road where they stop through its bays.
+    beside = ~maker.lasting & (network.reverse >= 0) & maker.lasting[network.reverse]
+    lost, notes = "cannot be reached and left again: nobody stops there", []
+    turned = "joined to the others by no turn: trucks turn round at places"
+    for k, what in ((~maker.lasting & ~beside, lost), (beside, turned)):
+        told = f"{k.sum()} of {len(network)} lanes ({network.length[k].sum():.0f} m) {what}"
+        notes += [told] if k.any() else []
+    for why in dict.fromkeys(out.values()):
+        notes.append(f"places left out, {why}: {listed([repr(p) for p in out if out[p] == why])}")
     notes += _drawn(site, maker, spots)
     room = sum(b.place.kind != "charge" for b in maker.bays)
     if vehicles > room - 1:
         what = f"a fleet of {vehicles} is more than the site can hold: {max(room - 1, 0)} have room to park"
         raise SiteError(what, do="simulate fewer trucks or add roads and parking places")
     return notes
-
-
-def _apart(network: Network, lasting: Mask) -> list[str]:
-    """What to say of the lanes that no turn joins to the ``lasting`` ones."""
-    # Where the other direction of a road lasts, its bays have doors on both sides if there is room.
-    beside = ~lasting & (network.reverse >= 0) & lasting[network.reverse]
-    told = (
-        (~lasting & ~beside, "{} cannot be reached and left again: nobody stops there"),
-        (beside, "no turn joins {} to the others: trucks change over only by turning round at a place"),
-    )
-    size = f"{{}} of {count(len(lasting), 'lane')} ({{:.0f}} m)"
-    return [what.format(size.format(k.sum(), network.length[k].sum())) for k, what in told if k.any()]
 
 
 def _at_place(maker: BayMaker, place: Place, lanes: Ints, mined: bool) -> str | None:

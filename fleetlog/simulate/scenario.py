@@ -5,20 +5,20 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fleetlog import engines, scratch
+from fleetlog.core.arguments import NONE, Factor
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import count
+from fleetlog.core.words import count, listed
 from fleetlog.errors import DataError, FleetlogError, nearest
 from fleetlog.listening import listening, progress, unheard
 from fleetlog.physics.power import Physics
@@ -38,7 +38,6 @@ MEASURES = {
 }  # fmt: skip
 """What is drawn and compared, and how it is called."""
 MOST = 10_000  # Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand
-NONE = "none"  # The value of a factor that leaves the scenario as it is
 
 
 @dataclass(frozen=True)
@@ -120,34 +119,6 @@ def one_more(scenario: Scenario, before: Summary) -> dict[str, Any]:
     }  # fmt: skip
 
 
-class Factor(NamedTuple):
-    """A setting that is varied; a value that is a number is also drawn as one."""
-
-    name: str
-    values: tuple[str, ...]
-
-
-def factor(text: str) -> Factor:
-    """The factor of ``NAME=VALUES``; ``2..6``, ``2..10..2`` and ``a,b,c`` are values, also mixed."""
-    name, equals, values = text.partition("=")
-    if not equals or not name.strip() or not values.strip():
-        raise DataError(f"{text!r} is no setting with values", do="write NAME=VALUES, such as plugs=2..6")
-    kept = tuple(dict.fromkeys(v for part in values.split(",") for v in _values(part.strip())))
-    # What a road costs shows beside the site without it.
-    return Factor(name.strip(), (NONE, *(v for v in kept if v != NONE)) if name.strip() == "close" else kept)
-
-
-def _values(part: str) -> Iterator[str]:
-    found = re.fullmatch(r"(\d{1,5})\.\.(\d{1,5})(?:\.\.(\d{1,5}))?", part)
-    if not found:
-        yield part
-        return
-    low, high, step = int(found[1]), int(found[2]), int(found[3] or 1)
-    if high < low or not step:
-        raise DataError(f"{part!r} is an empty range", do="write the lower number first, such as 2..6")
-    yield from (str(k) for k in range(low, high + 1, step))
-
-
 def _whole(value: str, name: str) -> int:
     if not re.fullmatch("[0-9]{1,5}", value) or int(value) < 1:
         what = f"{name}={value[:40]} is no number from 1 to 99,999"
@@ -186,6 +157,9 @@ def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, 
     """Every combination of values, and the scenario that it makes of ``base``."""
     if math.prod(len(f.values) for f in factors) > MOST:
         raise DataError(f"these values make more than {MOST:,} variants", do="vary less at once")
+    names = [f.name for f in factors]
+    if double := {name for name in names if names.count(name) > 1}:
+        raise DataError(f"{listed(sorted(double))} is varied twice", do="name each once")
     fleets = [_whole(v, f.name) for f in factors if f.name == "vehicles" for v in f.values]
     base = replace(base, settings=replace(base.settings, room=max([base.settings.vehicles, *fleets])))
     out = []
@@ -204,18 +178,15 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
     import pandas as pd
 
     plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
-    rows, notes = [], defaultdict[int, dict[str, None]](dict)
+    rows = []
     results = engines.current().run(attempt, [s for *_, s in plan], lambda s: f"seed {s.settings.seed}")
     for (number, seed, values, _), outcome in zip(plan, results, strict=True):
         rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
-        notes[number] |= dict.fromkeys([] if isinstance(outcome, str) else outcome.notes)
         progress("experiment", len(rows) / len(plan))
     runs = pd.DataFrame(rows).sort_values(["variant", "seed"], ignore_index=True)
     if "tasks_done" not in runs:
         raise DataError(f"no run is possible: {runs.error[0]}", do="change the site or what is varied")
     table = _compared(runs, [f.name for f in factors])
-    # What is so in a variant and not in the first, such as a place that cannot be reached any more.
-    table["notes"] = ["; ".join(note for note in notes[k] if note not in notes[0]) for k in table.variant]
     summary = {
         "factors": {f.name: list(f.values) for f in factors}, "seeds": [b.settings.seed for b in bases],
         "variants": table.to_dict("records"),
@@ -239,6 +210,7 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
         "charged_kwh": s.charged_wh / 1000.0, "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1),
         "charges": c.charges, "soc_lowest": s.soc_lowest, "longest_wait_s": s.longest_wait_s,
         "deadlocks": c.deadlocks, "empty": len(c.empty),
+        "left_out": "; ".join(note for note in s.notes if note.startswith("places left out")),
         "bottleneck": "none" if worst is None else worst.kind + (f", {worst.name}" if worst.name else ""),
     }  # fmt: skip
 
@@ -256,6 +228,7 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
             for key, values in ((name, good[name]), (f"{name}_change", (good[name] - first[name]).dropna())):
                 row |= {key: float(values.mean()), f"{key}_ci": half_width(values.to_numpy(float))}
         row["bottleneck"] = good.bottleneck.mode().iloc[0] if len(good) else str(group.error.iloc[0])
+        row["left_out"] = "; ".join(good.left_out.unique())
         out.append(row)
     return pd.DataFrame(out)
 
@@ -263,14 +236,11 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
 def _lines(table: pd.DataFrame, factors: Sequence[Factor]) -> list[str]:
     """The table for the terminal."""
     head = [*(f.name for f in factors), "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
-    records = table.to_dict("records")
-    rows = [[*(str(r[f.name]) for f in factors), *_cells(r)] for r in records]
+    rows = [[*(str(r[f.name]) for f in factors), *_cells(r)] for r in table.to_dict("records")]
     if not table.task_wait_s.any():
         head, *rows = ([*row[:-2], row[-1]] for row in [head, *rows])
     wide = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
-    lines = ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in [head, *rows]]
-    noted = [r for r in records if r["notes"]]
-    return lines + [", ".join(f"{f.name}={r[f.name]}" for f in factors) + f": {r['notes']}" for r in noted]
+    return ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in [head, *rows]]
 
 
 def _cells(row: Mapping[Any, Any]) -> list[str]:
@@ -283,7 +253,7 @@ def _cells(row: Mapping[Any, Any]) -> list[str]:
     return [
         number("tasks_per_h"), "" if row["variant"] == 0 else number("tasks_per_h_change", sign="+"),
         number("waiting_share", " %"), number("energy_per_task_wh"), number("task_wait_s", " s"),
-        str(row["bottleneck"]),
+        "; ".join(filter(None, [str(row["bottleneck"]), row["left_out"]])),
     ]  # fmt: skip
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.site import Site
-from fleetlog.core.words import count
 from fleetlog.errors import SiteError
 from fleetlog.roads.kernels.routes import quickest
 from fleetlog.roads.routing import Router
@@ -80,8 +79,8 @@ def recorded_turns(dataset: Dataset, network: Network) -> list[tuple[int, int]]:
     """Edges of a network at whose end recorded trucks turned round, each with the opposite edge."""
     found = each_day(dataset, _half_turns, kinds=(), cost=0.2e-6)
     none = np.zeros((0, 2), np.int64)
-    pairs, seen = np.unique(np.concatenate([none, *found]), axis=0, return_counts=True)
-    found_ids = np.array(dataset.site.roads().edge_ids)[pairs[seen >= SEEN]].tolist()
+    pairs, count = np.unique(np.concatenate([none, *found]), axis=0, return_counts=True)
+    found_ids = np.array(dataset.site.roads().edge_ids)[pairs[count >= SEEN]].tolist()
     return [(network.index[a], network.index[b]) for a, b in found_ids if {a, b} <= network.index.keys()]
 
 
@@ -101,11 +100,11 @@ def with_loops(site: Site) -> tuple[Site, list[str]]:
     network = site.roads()
     if (parts(network) >= 0).any():
         return site, []
-    network, ends = turning_round(network)
+    network, count = turning_round(network)
     if (parts(network) < 0).all():
         what = f"{NO_WAY_BACK}: a truck that leaves a place could not return"
         raise SiteError(what, do="join the ends of the lanes, or draw roads in both directions")
-    return replace(site, network=network), [f"{NO_WAY_BACK}: trucks turn round at {count(ends, 'open end')}"]
+    return replace(site, network=network), [f"{NO_WAY_BACK}: trucks turn round at open ends ({count})"]
 
 
 class Itinerary(NamedTuple):

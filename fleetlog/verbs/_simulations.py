@@ -2,17 +2,18 @@
 
 from dataclasses import asdict, replace
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 from fleetlog import scratch
 from fleetlog.api import inputs
-from fleetlog.api.answer import Answer, dataset_answer, destination
-from fleetlog.core.arguments import moment, seconds
+from fleetlog.api.answer import Answer, dataset_answer, destination, write_folder
+from fleetlog.core.arguments import factor, moment, seconds
 from fleetlog.core.site import Site
 from fleetlog.core.words import count, percent
-from fleetlog.errors import ArgumentError, chosen
+from fleetlog.errors import EXIT_DAMAGED, ArgumentError, FleetlogError, InputError, chosen
 from fleetlog.listening import notice
 from fleetlog.physics.battery import battery_of
 from fleetlog.physics.power import Physics, all_terms
@@ -22,13 +23,20 @@ from fleetlog.simulate.engine import DEFAULT_START, Settings
 from fleetlog.simulate.mission import replay
 from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.retrace import run_cycle, strip
-from fleetlog.simulate.scenario import Scenario, experiment, factor, one_more
-from fleetlog.simulate.tasks import Demand, read_tasks
+from fleetlog.simulate.scenario import Scenario, experiment, one_more, variants
+from fleetlog.simulate.tasks import LEFT_OUT, Demand, read_tasks
 from fleetlog.store import DatasetWriter
 from fleetlog.store.documents import provenance
+from fleetlog.verbs.simulate import simulate
 
 Asked = SimpleNamespace  # The arguments of :func:`fleetlog.verbs.simulate.simulate`, converted
 Told = tuple[dict[str, Any], list[str]]  # A summary, and the same in sentences
+FLEET = "vehicles tasks close vary runs rate step charge_below policy chemistry "
+UNUSED = {
+    "same_mission": FLEET + "cycle duration start soc",
+    "cycle": FLEET + "site like together temperature",
+}
+"""Options that runs of no fleet have no use for."""
 
 
 def answer(asked: Asked) -> Answer:
@@ -36,9 +44,9 @@ def answer(asked: Asked) -> Answer:
     read = inputs.files_of(asked.site, asked.truck, asked.like, asked.tasks, asked.physics, asked.experiment)
     settings = inputs.files_of(asked.site, asked.truck, asked.tasks, asked.physics)
     like = None if asked.like is None else str(inputs.as_path(asked.like))
+    _check(asked)
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
-    _check(asked)
     asked.site = _site(asked)
     asked.physics = _physics(asked)
     if _varies(asked):
@@ -59,7 +67,10 @@ def answer(asked: Asked) -> Answer:
                 write_recording(writer.path, replayed)
             else:  # beside the recorded fleet, to compare the two
                 write_comparison(asked.like.path, writer.path, replayed)
-    return dataset_answer("simulate", target, target if asked.output else None, writer.summary, lines)
+    made = dataset_answer("simulate", target, target if asked.output else None, writer.summary, lines)
+    if asked.tasks is not None and (made.tables["tasks"].status == LEFT_OUT).any():
+        made.status, made.warning = EXIT_DAMAGED, f"tasks were {LEFT_OUT}; see status in tasks.parquet"
+    return made
 
 
 def _varies(asked: Asked) -> bool:
@@ -68,18 +79,19 @@ def _varies(asked: Asked) -> bool:
 
 
 def _check(asked: Asked) -> None:
-    alone = asked.same_mission or asked.cycle
     nowhere = asked.site is None and asked.like is None and not asked.cycle
     wrong = {
         "--same-mission needs the recording; name it with --like": asked.same_mission and asked.like is None,
         "--together is for recorded missions; add --same-mission and --like":
             asked.together and not asked.same_mission,
-        "--close is for a fleet: not with --same-mission or --cycle": asked.close and alone,
-        "an experiment is for a fleet: not with --same-mission or --cycle": _varies(asked) and alone,
         "a simulation needs a site; name one with --site, or a dataset with --like": nowhere,
     }  # fmt: skip
     for what in (w for w, so in wrong.items() if so):
         raise ArgumentError(what)
+    options = signature(simulate).parameters.items()
+    given = [name for name, o in options if str(getattr(asked, name, None)) != str(o.default)]
+    for name, mode in ((n, m) for m in UNUSED for n in given if m in given and n in UNUSED[m].split()):
+        raise ArgumentError(f"--{name} does not go with --{mode}".replace("_", "-"))
 
 
 def _site(asked: Asked) -> Site:
@@ -99,18 +111,25 @@ def _physics(asked: Asked) -> Physics:
 
 
 def _experiment(asked: Asked, read: list[Path]) -> Answer:
-    factors, fleet = [factor(text) for text in asked.vary], asked.vehicles
+    factors, fleet = list(asked.vary), asked.vehicles
     with destination(asked.output, "analysis", asked.overwrite, read) as keep:
         made = [_scenario(asked, seed) for seed in range(asked.seed, asked.seed + asked.runs)]
         for note in made[0][1]:
-            notice(note)
+            notice(note if all(note in notes for _, notes in made) else f"seed {asked.seed}: {note}")
         bases = [scenario for scenario, _ in made]
         if isinstance(fleet, str) or not factors:
             factors.insert(0, factor(f"vehicles={fleet or bases[0].settings.vehicles}"))
-        names = [f.name for f in factors]
-        if double := {name for name in names if names.count(name) > 1}:
-            raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", where="--vary")
-        return keep(Answer.of(experiment(bases, factors), asked.site))
+        try:
+            variants(bases[0], factors)
+        except FleetlogError as error:
+            file = next((f.file for f in asked.vary), None)
+            kind = InputError if file else ArgumentError
+            raise kind(
+                error.what, where=file or ("--vary" if asked.vary else "--vehicles"), do=error.do
+            ) from None
+        result = experiment(bases, factors)
+        write = partial(write_folder, result, asked.site, recording=asked.recording)
+        return keep(Answer.of(result, asked.site, write=write))
 
 
 def _fleet(asked: Asked, writer: DatasetWriter) -> Told:
@@ -141,7 +160,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
         demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
     settings = Settings(
-        vehicles, asked.duration, asked.step, 1.0 / (asked.rate or 1e-9), start, seed, asked.soc,
+        vehicles, asked.duration, asked.step, 1.0 / asked.rate, start, seed, asked.soc,
         asked.temperature, Policy.named(asked.policy, asked.charge_below), battery,
     )  # fmt: skip
     mined = frozenset(p.id for p in site.places) - own

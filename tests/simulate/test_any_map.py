@@ -82,7 +82,7 @@ def test_both_ways_round_a_ring_are_driven_and_it_is_said_where_they_meet(simula
     edges = [way for one in ring() for way in (one, reversed_edge(one))]
     outcome = simulated(Site("ring", network=build_network(edges)), 1, 1800.0, interval=1.0)
     told = [n for n in outcome.summary.notes if "lanes" in n]
-    assert len(told) == 1 and told[0].startswith("no turn joins 4 of 8 lanes (188 m) to the others")
+    assert len(told) == 1 and told[0].startswith("4 of 8 lanes (188 m) joined to the others by no turn")
     driven = {e for t in outcome.tracks for e in t.labels("edge_id").strings() if e}
     assert {e.startswith("-") for e in driven} == {True, False}
 
@@ -100,7 +100,7 @@ def test_stated_widths_below_that_of_a_truck_are_counted_and_named(narrow, simul
 
 def test_turning_round_at_open_ends_is_said_and_kept_with_the_dataset(simulated):
     outcome = simulated(Site("map", network=lanes()), 2, 600.0)
-    assert "turn round at 2 open ends" in outcome.summary.notes[0]
+    assert "turn round at open ends (2)" in outcome.summary.notes[0]
     assert (parts(outcome.dataset.site.network) == 0).all()
 
 

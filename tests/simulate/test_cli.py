@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.store import Dataset
+from fleetlog.store.events import read_table
 from fleetlog.verbs.info import describe
 
 
@@ -106,7 +107,33 @@ def test_places_cut_off_by_closed_roads_are_left_out_and_named(sample, tmp_path)
     both = run(*few, "--vary", f"close={'+'.join(gates)}", "--json", "-o", tmp_path / "both")
     assert both.exit_code == 0, both.output
     open_site, cut = json.loads(both.stdout)["variants"]
-    assert open_site["notes"] == "" and told[0] in cut["notes"] and cut["possible"] == 1
+    assert open_site["left_out"] == "" and cut["left_out"] == told[0] and cut["possible"] == 1
+
+
+@pytest.mark.parametrize(
+    "mode, idle",
+    [
+        (["--same-mission", "--like", "DATA"], [["--vehicles", 3], ["--duration", "5m"], ["--tasks", "DATA"], ["--policy", "threshold"]]),
+        (["--cycle", "vdi2198"], [["--vehicles", 5], ["--site", "DATA"], ["--like", "DATA"], ["--temperature", 3]]),
+    ],
+)  # fmt: skip
+def test_options_without_a_use_are_wrong_usage(sample, tmp_path, mode, idle):
+    for option in idle:
+        done = run(*sample[2:], *mode, *option, "-o", tmp_path / "x")
+        assert done.exit_code == 2 and f"{option[0]} does not go with {mode[0]}" in done.output
+
+
+def test_tasks_of_places_that_are_left_out_make_status_3(sample, tmp_path):
+    """Some of the data that were given are not used."""
+    (file := tmp_path / "tasks.csv").write_text("from,to,earliest\ndock-1,rack-1,0\ngoods-out-1,line-1,0\n")
+    few = [*sample, "--tasks", file, "--vehicles", 2, "--duration", "2m", "--no-recording", "-q", "-o"]
+    gates = [word for k in range(3) for word in ("--close", f"gate-{k}")]
+    for name, closed, status in (("all", [], 0), ("cut", gates, 3)):
+        words = [str(w) for w in (*few, tmp_path / name, *closed)]
+        done = CliRunner().invoke(load_verb("simulate"), words, standalone_mode=False)
+        assert done.return_value == status and ("tasks.parquet" in done.stderr) == (status == 3)
+        kept = read_table(Dataset(tmp_path / name), "tasks")
+        assert kept.to_place[kept.status == "left out"].tolist() == ["rack-1"] * (status == 3)
 
 
 @pytest.mark.parametrize(

@@ -39,8 +39,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     if 0 < flat < len(lines):
         tally.notes.append(f"no heights on {flat} of {len(lines)} roads, so no height is used")
     if 0 < nameless < len(lines):
-        what = f"no nodes named by {nameless} of {len(lines)} roads"
-        tally.notes.append(f"{what}: they are found by coinciding ends")
+        tally.notes.append(f"no nodes named by {nameless} of {len(lines)} roads: coinciding ends are joined")
     for line in _join_lines(lines, nameless == len(lines), tally) if nameless else lines:
         if flat:
             line.points[:, 2] = 0.0
@@ -97,8 +96,7 @@ def _add_roads(raw: list[Any], tally: Tally) -> set[str]:
     tally.note(unnamed, "road", "without an id, numbered by the place in the file")
     for key, n in sorted(unread.items()):
         if close := difflib.get_close_matches(key.lower(), KNOWN, n=1, cutoff=0.75):
-            what = f"property {key!r} of {count(n, 'road')} is not read"
-            tally.notes.append(f"{what}; did you mean {close[0]!r}?")
+            tally.note(n, "road", f"with an unread property {key!r}; did you mean {close[0]!r}?")
     return oneway
 
 
