@@ -177,14 +177,12 @@ def _rows(data: dict[str, Any], name: str, where: Path) -> list[dict[str, Any]]:
             what = f"the id {row['id']!r} occurs twice"
             raise SiteError(what, where=where, place=f"{name}[{n}]", do="rename one")
         idle = {
-            "power": ("is for chargers that swap no batteries", row.get("kind") != "charge" or "swap" in row),
-            "swap": ("is for places of kind charge", row.get("kind") != "charge"),
-            "closed_for": ("needs closed_every beside it", "closed_every" not in row),
-            "until": ("is when the break begins", row.get("until") == row.get("from")),
-        }
-        for key, (what, so) in idle.items():
-            if so and key in row:
-                raise SiteError(what, where=where, place=f"{name}[{n}].{key}", do="correct it")
+            "swap": row.get("kind") != "charge", "power": row.get("kind") != "charge" or "swap" in row,
+            "closed_for": "closed_every" not in row, "until": row.get("until") == row.get("from"),
+        }  # fmt: skip
+        if key := next((k for k in idle if k in row and idle[k]), None):
+            do = "leave it out, or see docs/maps.md for what it goes with"
+            raise SiteError("has no effect here", where=where, place=f"{name}[{n}].{key}", do=do)
         out[row["id"]] = row
     return list(out.values())
 

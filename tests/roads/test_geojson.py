@@ -170,7 +170,7 @@ def test_wrong_documents(tmp_path):
         ('{"type": "FeatureCollection", "features": [' + "[" * 100_000, "not readable|not valid"),
         ('{"type": "Feature"s}', "not valid JSON"),
         ('{"type": "FeatureCollection", "features": 3}', "not a FeatureCollection"),
-        ('{"type": "FeatureCollection", "features": []}', "no road in it: 0 features"),
+        ('{"type": "FeatureCollection", "features": []}', "no road in it; features read: 0"),
         ('{"type": "FeatureCollection", "features": [], "crs": {"properties": {"name": "EPSG:25832"}}}', "coordinates are in EPSG:25832"),
     ]:  # fmt: skip
         path.write_text(text)

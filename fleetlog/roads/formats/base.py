@@ -114,7 +114,8 @@ class Tally:
     def road_map(self, name: str, nothing: str, do: str, **more: Any) -> RoadMap:
         """What was read; :class:`SiteError` that says so and what to ``do`` where that is no edge."""
         if not self.edges:
-            raise SiteError(nothing, do=do)
+            why = ", ".join(f"{n} {reason}" for reason, n in self.dropped.items())
+            raise SiteError(nothing + (f" ({why})" if why else ""), do=do)
         self.note(self.idle, "station", "left out: no action says what is done there")
         report = LoadReport(name, self.read, self.kept, dict(sorted(self.dropped.items())), tuple(self.notes))
         return RoadMap(self.edges, report, places=tuple(self.places.values()), **more)

@@ -18,7 +18,6 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Indices, Ints
 from fleetlog.core.network import Edge, reversed_edge
-from fleetlog.core.words import count
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
 from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, number
@@ -31,8 +30,6 @@ TRUTH = {None: False, False: False, True: True, "no": False, "yes": True, "false
 def _read(path: Path, options: MapOptions) -> RoadMap:
     tally, raw = Tally(), _document(path)
     oneway = _add_roads(raw, tally)
-    why = ", ".join(f"{n} {reason}" for reason, n in tally.dropped.items())
-    nothing = f"no road in it: {count(len(raw), 'feature')}" + (f" ({why})" if why else "")
     lines, tally.edges = tally.edges, []
     flat = sum(not np.isfinite(road.points[:, 2]).all() for road in lines)
     nameless = sum(not (road.start and road.end) for road in lines)
@@ -46,6 +43,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
         edge = replace(line, road=line.id)
         tally.edges += [edge] if line.road in oneway else [edge, reversed_edge(edge)]
     do = "give roads as LineStrings with an id"
+    nothing = f"no road in it; features read: {len(raw)}"
     return tally.road_map("GeoJSON", nothing, do, geographic=True, has_elevation=not flat)
 
 

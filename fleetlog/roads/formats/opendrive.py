@@ -53,8 +53,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     _add_lanes(roads, options, tally)
     allowed = connect(roads, root.findall("junction"), tally)
     rules = [road.rule for road in roads.values() if road.rule]
-    kinds = ", ".join(f"{n} {why}" for why, n in tally.dropped.items())
-    nothing = f"no driven lane in {count(tally.read, 'lane')}" + (f" ({kinds})" if kinds else "")
+    nothing = f"no driven lane in it; lanes read: {tally.read}"
     do = "name the driven types as lane_types under [network] in a site.toml"
     return tally.road_map(
         f"OpenDRIVE {version} ({count(len(roads), 'road')}, counted lane by lane)", nothing, do,
