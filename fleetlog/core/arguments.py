@@ -121,11 +121,10 @@ def moment(value: Any) -> int:
 def hour_range(value: Any) -> tuple[int, int]:
     """``6-14``, or a pair: from one hour of the day to another, which is excluded."""
     try:
-        first, last = (int(p) for p in (value.split("-") if isinstance(value, str) else value))
+        given = value.split("-") if isinstance(value, str) else value
+        first, last = (int(Between(0, 24, whole=True)(hour)) for hour in given)
     except (TypeError, ValueError):
-        raise ValueError(f"{value!r} is not a range of hours; write 6-14") from None
-    if not (0 <= first <= 24 and 0 <= last <= 24):
-        raise ValueError("hours run from 0 to 24")
+        raise ValueError(f"{value!r} is not a range of hours from 0 to 24; write 6-14") from None
     return first, last
 
 
@@ -142,8 +141,7 @@ def shift_hours(value: Any) -> tuple[int, ...]:
 
 def names(value: str | Iterable[str]) -> tuple[str, ...]:
     """``a,b,c``, or a sequence of names."""
-    parts = value.split(",") if isinstance(value, str) else value
-    return tuple(p.strip() for p in parts if p.strip())
+    return tuple(p.strip() for p in (value.split(",") if isinstance(value, str) else value) if p.strip())
 
 
 def count_or_range(value: Any) -> int | str:

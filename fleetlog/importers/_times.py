@@ -63,8 +63,7 @@ def _epoch(stamps: Any) -> Ints:
 
 def epoch_unit(count: float) -> str | None:
     """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none does."""
-    units = EPOCH_UNITS.items()
-    return next((unit for unit, us in units if EARLIEST_LOG <= count * us <= _LATEST), None)
+    return next((unit for unit, us in EPOCH_UNITS.items() if EARLIEST_LOG <= count * us <= _LATEST), None)
 
 
 def from_counts(values: Floats | Ints, unit: str, origin: int = 0) -> Ints:

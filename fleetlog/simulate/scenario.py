@@ -18,7 +18,7 @@ from fleetlog.core.arguments import NONE, Factor
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import count, listed
+from fleetlog.core.words import count
 from fleetlog.errors import DataError, FleetlogError, nearest
 from fleetlog.listening import listening, progress, unheard
 from fleetlog.physics.power import Physics
@@ -53,8 +53,7 @@ class Scenario:
 
     def write(self, writer: DatasetWriter) -> Summary:
         """Simulate and write the trajectories."""
-        what = (self.settings, self.demand, self.physics)
-        return simulate(self.site, self.truck, writer, *what, mined=self.mined)
+        return simulate(self.site, self.truck, writer, self.settings, self.demand, self.physics, self.mined)
 
     def run(self) -> Summary:
         """Simulate and keep only the summary."""
@@ -113,10 +112,8 @@ def one_more(scenario: Scenario, before: Summary) -> dict[str, Any]:
     statement += f"{waiting / 3600.0:.2f} truck hours of waiting instead of {before.waiting_s / 3600.0:.2f}"
     if max(waits) > 0.0:
         statement += f", tasks wait {waits[1]:.0f} s instead of {waits[0]:.0f} s"
-    return {
-        "what": what, "tasks_done": done, "task_wait_s": round(waits[1], 2), "waiting_s": round(waiting, 1),
-        "statement": statement,
-    }  # fmt: skip
+    told = {"what": what, "tasks_done": done, "task_wait_s": round(waits[1], 2)}
+    return {**told, "waiting_s": round(waiting, 1), "statement": statement}
 
 
 def _whole(value: str, name: str) -> int:
@@ -157,9 +154,8 @@ def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, 
     """Every combination of values, and the scenario that it makes of ``base``."""
     if math.prod(len(f.values) for f in factors) > MOST:
         raise DataError(f"these values make more than {MOST:,} variants", do="vary less at once")
-    names = [f.name for f in factors]
-    if double := {name for name in names if names.count(name) > 1}:
-        raise DataError(f"{listed(sorted(double))} is varied twice", do="name each once")
+    if len({f.name for f in factors}) < len(factors):
+        raise DataError("a setting is varied twice", do="name each once, with all its values")
     fleets = [_whole(v, f.name) for f in factors if f.name == "vehicles" for v in f.values]
     base = replace(base, settings=replace(base.settings, room=max([base.settings.vehicles, *fleets])))
     out = []

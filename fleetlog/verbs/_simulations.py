@@ -37,6 +37,7 @@ UNUSED = {
     "cycle": FLEET + "site like together temperature",
 }
 """Options that runs of no fleet have no use for."""
+NEEDED = {"same_mission": "like", "together": "same_mission"}
 
 
 def answer(asked: Asked) -> Answer:
@@ -45,15 +46,16 @@ def answer(asked: Asked) -> Answer:
     settings = inputs.files_of(asked.site, asked.truck, asked.tasks, asked.physics)
     like = None if asked.like is None else str(inputs.as_path(asked.like))
     _check(asked)
+    asked.varies = bool(asked.vary) or asked.runs != 1 or isinstance(asked.vehicles, str)
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
     asked.site = _site(asked)
     asked.physics = _physics(asked)
-    if _varies(asked):
+    if asked.varies:
         return _experiment(asked, read)
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
-    create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=read)
-    with create(target, "simulated", asked.site) as writer:
+    over = asked.overwrite
+    with DatasetWriter.create(target, "simulated", asked.site, overwrite=over, inputs=read) as writer:
         writer.provenance = provenance([p for p in settings if p.is_file()], asked.seed, like=like)
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         writer.summary, lines = run(asked, writer)
@@ -73,25 +75,15 @@ def answer(asked: Asked) -> Answer:
     return made
 
 
-def _varies(asked: Asked) -> bool:
-    """Whether more than one run is asked for."""
-    return bool(asked.vary) or asked.runs != 1 or isinstance(asked.vehicles, str)
-
-
 def _check(asked: Asked) -> None:
-    nowhere = asked.site is None and asked.like is None and not asked.cycle
-    wrong = {
-        "--same-mission needs the recording; name it with --like": asked.same_mission and asked.like is None,
-        "--together is for recorded missions; add --same-mission and --like":
-            asked.together and not asked.same_mission,
-        "a simulation needs a site; name one with --site, or a dataset with --like": nowhere,
-    }  # fmt: skip
-    for what in (w for w, so in wrong.items() if so):
-        raise ArgumentError(what)
     options = signature(simulate).parameters.items()
-    given = [name for name, o in options if str(getattr(asked, name, None)) != str(o.default)]
-    for name, mode in ((n, m) for m in UNUSED for n in given if m in given and n in UNUSED[m].split()):
-        raise ArgumentError(f"--{name} does not go with --{mode}".replace("_", "-"))
+    given = {name for name, o in options if str(getattr(asked, name, None)) != str(o.default)}
+    wrong = [f"--{a} goes with --{b}; add --{b}" for a, b in NEEDED.items() if a in given and b not in given]
+    wrong += [f"--{a} does not go with --{b}" for b in UNUSED for a in UNUSED[b].split() if {a, b} <= given]
+    if not given & {"site", "like", "cycle"}:
+        wrong.append("a simulation needs a site; name one with --site, or a dataset with --like")
+    if wrong:
+        raise ArgumentError(wrong[0].replace("_", "-"))
 
 
 def _site(asked: Asked) -> Site:
@@ -122,11 +114,9 @@ def _experiment(asked: Asked, read: list[Path]) -> Answer:
         try:
             variants(bases[0], factors)
         except FleetlogError as error:
-            file = next((f.file for f in asked.vary), None)
-            kind = InputError if file else ArgumentError
-            raise kind(
-                error.what, where=file or ("--vary" if asked.vary else "--vehicles"), do=error.do
-            ) from None
+            where = next((f.file for f in asked.vary), None) or ("--vary" if asked.vary else "--vehicles")
+            wrong = InputError if isinstance(where, Path) else ArgumentError
+            raise wrong(error.what, where=where, do=error.do) from None
         result = experiment(bases, factors)
         write = partial(write_folder, result, asked.site, recording=asked.recording)
         return keep(Answer.of(result, asked.site, write=write))
@@ -152,7 +142,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     own = {p.id for p in site.places}
     if like is not None:
         # Another fleet than the recorded one shares the tasks in its own way.
-        same = vehicles == recorded and not _varies(asked)
+        same = vehicles == recorded and not asked.varies
         driven, untold = recorded_drivers(like, truck) if same else (truck, [])
         site, demand, notes = demands.like(like, site, truck, vehicles, start, asked.duration, seed, same)
         notes += untold
@@ -169,26 +159,24 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
 
 def _mission(asked: Asked, writer: DatasetWriter) -> Told:
     writer.site = asked.like.site
-    summary = replay(asked.like, asked.truck, writer, asked.physics, asked.together, asked.temperature)
+    s = replay(asked.like, asked.truck, writer, asked.physics, asked.together, asked.temperature)
     lines = [
-        f"{count(summary.vehicles, 'truck')} drove {count(summary.trips, 'trip')} again: "
-        f"{count(summary.rows, 'row')}.",
-        f"Simulated over recorded: distance {summary.distance_ratio:.3f}, driving time "
-        f"{summary.duration_ratio:.3f}, energy {summary.energy_ratio:.3f}.",
+        f"{count(s.vehicles, 'truck')} drove {count(s.trips, 'trip')} again: {count(s.rows, 'row')}.",
+        f"Simulated over recorded: distance {s.distance_ratio:.3f}, driving time {s.duration_ratio:.3f}, "
+        f"energy {s.energy_ratio:.3f}.",
     ]
-    if summary.own_path:
-        own = count(summary.own_path, "trip")
-        lines.append(f"Not on the roads, and driven along the recorded positions: {own}.")
-    if summary.lost_share is not None:
-        lines.append(f"Trucks lose {percent(summary.lost_share, 1)} of the travel time to other trucks.")
-    return {k: v for k, v in asdict(summary).items() if v is not None}, lines
+    if s.own_path:
+        lines.append(f"Driven along the recorded positions, not on the roads: {count(s.own_path, 'trip')}.")
+    if s.lost_share is not None:
+        lines.append(f"Trucks lose {percent(s.lost_share, 1)} of the travel time to other trucks.")
+    return {k: v for k, v in asdict(s).items() if v is not None}, lines
 
 
 def _cycle(asked: Asked, writer: DatasetWriter) -> Told:
     a, begin = asked, _start(asked)
     watts = run_cycle(a.cycle, a.truck, a.duration, writer, a.physics, begin, a.soc)
-    line = f"{asked.cycle}: {watts / 1000.0:.3f} kWh/h at the battery"
-    return {"cycle": asked.cycle, "mean_power_w": watts}, [line]
+    line = f"{a.cycle}: {watts / 1000.0:.3f} kWh/h at the battery"
+    return {"cycle": a.cycle, "mean_power_w": watts}, [line]
 
 
 def _start(asked: Asked) -> int:

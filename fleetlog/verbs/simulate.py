@@ -23,6 +23,8 @@ def settings_file(given: dict[str, Any], options: dict[str, Option]) -> dict[str
     table = load_toml(path)
     if not isinstance(vary := table.pop("vary", {}), dict):
         raise InputError("is not a table", where=path, place="vary", do="write [vary]")
+    if vary:
+        table["vary"] = [f"{name}={','.join(_texts(values))}" for name, values in vary.items()]
     for key, value in table.items():
         name, texts = key.replace("-", "_"), _texts(value)
         option = chosen(options, name, "unknown key", InputError, where=path, place=name)
@@ -33,14 +35,12 @@ def settings_file(given: dict[str, Any], options: dict[str, Option]) -> dict[str
             with suppress(OSError, ValueError):  # what cannot be a name is none of a file
                 (path.parent / texts[0]).stat()
                 filled[name] = str(path.parent / texts[0])
-    if vary:
-        filled["vary"] = [f"{name}={','.join(_texts(values))}" for name, values in vary.items()]
-    for name, value in filled.items():
         try:
-            checked = options[name].convert(value)
+            checked = option.convert(filled[name])
         except ArgumentError as error:
             raise InputError(error.what, where=path, place=name) from None
-        filled[name] = [f._replace(file=path) for f in checked] if name == "vary" else value
+        if name == "vary":
+            filled[name] = [one._replace(file=path) for one in checked]
     return {**filled, **given}
 
 
