@@ -140,16 +140,16 @@ def destination(
         yield keep
 
 
-def write_folder(result: Result, site: Site, folder: Path, page: str = "") -> None:
-    """Write ``NAME.json``, Parquet tables, GeoJSON places, ``NAME.png``, ``recording.rrd``, a page if any."""
+def write_folder(result: Result, site: Site, folder: Path, page: str = "", recording: bool = True) -> None:
+    """Write ``NAME.json``, Parquet tables, GeoJSON places, ``NAME.png``; a page and a recording if any."""
     from fleetlog.store.results import write_result
     from fleetlog.view.picture import write_picture
     from fleetlog.view.results import write_result_recording
 
     if page:
         (folder / "report.html").write_text(page, encoding="utf-8")
-    recording = partial(write_result_recording, result, site, folder / "recording.rrd")
-    beside: engines.Tasks = [partial(write_result, result, folder, site.frame), recording]
+    replay = partial(write_result_recording, result, site, folder / "recording.rrd")
+    beside: engines.Tasks = [partial(write_result, result, folder, site.frame), *[replay] * recording]
     picture = partial(write_picture, result, site), [folder / f"{result.name}.png"]
     for _ in engines.current().run(*picture, beside=beside, cost=PICTURE_COST):
         pass

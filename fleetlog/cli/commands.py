@@ -66,8 +66,7 @@ class Listed(click.Group):
 
 def verb_lines() -> dict[str, str]:
     """Every verb with its line of help, in the order of a first visit."""
-    found = part_lines("fleetlog.verbs", "")
-    return {n.rstrip("_"): found[n] for n in VERBS}
+    return {n.rstrip("_"): part_lines("fleetlog.verbs", "")[n] for n in VERBS}
 
 
 def load_verb(name: str) -> click.Command:

@@ -10,7 +10,8 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 from fleetlog.errors import nearest
 from fleetlog.registry import part, part_lines
@@ -18,6 +19,7 @@ from fleetlog.registry import part, part_lines
 UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 LONGEST = 366 * 86400.0  # Of a duration [s]
+NONE = "none"  # The value of a factor that leaves the scenario as it is
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Between:
             raise ValueError(f"{value} is not a {'whole' if self.whole else 'finite'} number")
         on_bound = (self.above and number == self.low) or (self.below and number == self.high)
         if on_bound or not self.low <= number <= self.high:
-            raise ValueError(f"{value} is not {self}")
+            raise ValueError(f"{value} must be {self}")
         return number
 
     def __str__(self) -> str:
@@ -100,8 +102,8 @@ def seconds(value: Any) -> float:
     if not (found := re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|m|min|h|d)?\s*", str(value))):
         raise ValueError(f"{value!r} is not a duration; write 8h, 30m or 600s")
     duration = float(found[1]) * UNITS[found[2] or "s"]
-    if duration > LONGEST:
-        raise ValueError(f"{value!r} is longer than {LONGEST / 86400.0:.0f} days")
+    if not 0.0 < duration <= LONGEST:
+        raise ValueError(f"{value!r} is no time over 0 s and of at most {LONGEST / 86400.0:.0f} days")
     return duration
 
 
@@ -119,11 +121,10 @@ def moment(value: Any) -> int:
 def hour_range(value: Any) -> tuple[int, int]:
     """``6-14``, or a pair: from one hour of the day to another, which is excluded."""
     try:
-        first, last = (int(p) for p in (value.split("-") if isinstance(value, str) else value))
+        given = value.split("-") if isinstance(value, str) else value
+        first, last = (int(Between(0, 24, whole=True)(hour)) for hour in given)
     except (TypeError, ValueError):
-        raise ValueError(f"{value!r} is not a range of hours; write 6-14") from None
-    if not (0 <= first <= 24 and 0 <= last <= 24):
-        raise ValueError("hours run from 0 to 24")
+        raise ValueError(f"{value!r} is not a range of hours from 0 to 24; write 6-14") from None
     return first, last
 
 
@@ -140,18 +141,43 @@ def shift_hours(value: Any) -> tuple[int, ...]:
 
 def names(value: str | Iterable[str]) -> tuple[str, ...]:
     """``a,b,c``, or a sequence of names."""
-    parts = value.split(",") if isinstance(value, str) else value
-    return tuple(p.strip() for p in parts if p.strip())
+    return tuple(p.strip() for p in (value.split(",") if isinstance(value, str) else value) if p.strip())
 
 
 def count_or_range(value: Any) -> int | str:
     """A whole number, or the text of several for an experiment: ``6..14``, ``6..14..2``, ``6,8,12``."""
     text = str(value).strip()
-    if re.fullmatch(r"-?\d+", text):
-        return int(Between(1, 100_000, whole=True)(text))
-    if not re.fullmatch(r"\d+(\.\.\d+){0,2}(,\d+(\.\.\d+){0,2})*", text):
-        raise ValueError(f"{text!r} is neither a number nor a range; write 8, 6..14 or 6,8,12")
-    return text
+    numbers = [int(Between(1, 100_000, whole=True)(n)) for n in factor(f"vehicles={text}").values]
+    return text if {*text} & {*".,"} else numbers[0]
+
+
+class Factor(NamedTuple):
+    """A setting that is varied; a value that is a number is also drawn as one. ``file`` that names it."""
+
+    name: str
+    values: tuple[str, ...]
+    file: Path | None = None
+
+
+def factor(value: Any) -> Factor:
+    """The factor of ``NAME=VALUES``; ``2..6``, ``2..10..2`` and ``a,b,c`` are values, also mixed."""
+    if isinstance(value, Factor):
+        return value
+    name, equals, values = (part.strip() for part in str(value).partition("="))
+    if not (name and equals and values):
+        raise ValueError(f"{value!r} is no setting with values; write NAME=VALUES, such as plugs=2..6")
+    kept = tuple(dict.fromkeys(v for part in values.split(",") for v in _values(part.strip())))
+    # What a road costs shows beside the site without it.
+    return Factor(name, (NONE, *(v for v in kept if v != NONE)) if name == "close" else kept)
+
+
+def _values(part: str) -> list[str]:
+    if not (found := re.fullmatch(r"(\d{1,5})\.\.(\d{1,5})(?:\.\.(\d{1,5}))?", part)):
+        return [part]
+    low, high, step = (int(n or 1) for n in found.groups())
+    if high < low or not step:
+        raise ValueError(f"{part!r} is an empty range; write the lower number first, such as 2..6")
+    return [str(k) for k in range(low, high + 1, step)]
 
 
 Moment = Annotated[int | str, Named(check=moment)]
@@ -159,6 +185,7 @@ Duration = Annotated[float | str, Named("DURATION", check=seconds)]
 HourRange = Annotated[tuple[int, int], Named("FROM-TO", check=hour_range)]
 ShiftHours = Annotated[tuple[int, ...], Named("HOURS", check=shift_hours)]
 Names = Annotated[tuple[str, ...], Named("NAME,...", check=names)]
+Factors = tuple[Annotated[str, Named("NAME=VALUES", check=factor)], ...]
 Counts = Annotated[int | str, Named("N or RANGE", check=count_or_range)]
 Seed = Annotated[int, Between(0, 2**63 - 1, whole=True)]
 Count = Annotated[int, Between(1, 100_000, whole=True)]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Index, Indices
+from fleetlog.core.words import count
 from fleetlog.errors import SiteError, chosen
 
 if TYPE_CHECKING:
@@ -250,7 +251,7 @@ class LoadReport:
         """One sentence for the terminal."""
         why = ", ".join(f"{n} {reason}" for reason, n in self.dropped.items())
         left_out = f" (left out: {why})" if why else ""
-        return f"{self.format}: {self.read} roads read, {self.kept} kept{left_out}"
+        return f"{self.format}: {count(self.read, 'road')} read, {self.kept:,} kept{left_out}"
 
 
 def distance_to_segment(points: Floats, a: Floats, b: Floats) -> Floats:

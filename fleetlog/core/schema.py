@@ -57,10 +57,8 @@ def whole(low: int = 1, high: int = 1_000_000) -> Check:
     """A whole number in a range."""
 
     def check(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise Wrong("is not a whole number")
-        if not low <= value <= high:
-            raise Wrong(f"is outside {low} to {high:,}")
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise Wrong(f"is not a whole number from {low} to {high:,}")
         return value
 
     return check

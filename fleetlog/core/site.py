@@ -70,8 +70,8 @@ class Place:
 
 @dataclass(frozen=True)
 class Zone:
-    """A polygon ((n, 2) metres) with a speed limit [m/s] (NaN: none), or under a roof. Simulated people cross
-    the roads through it ``closed_every`` [s] on average (0: never), and close them for ``closed_for`` [s]."""
+    """A polygon ((n, 2) metres) with a speed limit [m/s] (NaN: none), or under a roof. Simulated people close
+    its roads for ``closed_for`` [s], then it is open ``closed_every`` [s] on average (0: always)."""
 
     id: str
     polygon: Floats

@@ -40,8 +40,7 @@ class Labels:
 
     def recode(self, order: Mapping[str, int]) -> Index:
         """Codes in another numbering, as a network's edge indices; -1 for null and for unknown names."""
-        table = np.array([order.get(n, -1) for n in self.names] + [-1], dtype=np.int32)
-        return table[self.codes]
+        return np.array([order.get(n, -1) for n in self.names] + [-1], dtype=np.int32)[self.codes]
 
     @classmethod
     def of(cls, values: Any) -> Labels:

@@ -169,6 +169,4 @@ def _room(nearest: Wide, square: Floats, m: int, k: int, d2: float, owner: Index
             return c if d2 < square[c] else -1
         if at < 0 or square[c] > square[at]:
             at = c
-    if m < len(nearest):
-        return m
-    return at if d2 < square[at] else -1
+    return m if m < len(nearest) else at if d2 < square[at] else -1

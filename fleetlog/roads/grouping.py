@@ -88,10 +88,8 @@ def white_noise(track: Track) -> float:
         return 1.0
     third = np.hypot(np.diff(track.x, 3), np.diff(track.y, 3))[track.chain[3:] == track.chain[:-3]]
     third = third[third != 0.0]
-    if len(third) < 5:
-        return 0.05
     # the median of a two-dimensional normal length is 1.1774 sigma
-    return float(np.clip(np.median(third) / 1.1774 / np.sqrt(20.0), 0.01, 30.0))
+    return 0.05 if len(third) < 5 else float(np.clip(np.median(third) / 1.1774 / np.sqrt(20.0), 0.01, 30.0))
 
 
 def group_span(track: Track, noise: float) -> float:

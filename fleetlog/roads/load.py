@@ -174,6 +174,13 @@ def _rows(data: dict[str, Any], name: str, where: Path) -> list[dict[str, Any]]:
         if row["id"] in out:
             what = f"the id {row['id']!r} occurs twice"
             raise SiteError(what, where=where, place=f"{name}[{n}]", do="rename one")
+        idle = {
+            "swap": row.get("kind") != "charge", "power": row.get("kind") != "charge" or "swap" in row,
+            "closed_for": "closed_every" not in row, "until": row.get("until") == row.get("from"),
+        }  # fmt: skip
+        if key := next((k for k in idle if k in row and idle[k]), None):
+            do = "leave it out, or see docs/maps.md for what it goes with"
+            raise SiteError("has no effect here", where=where, place=f"{name}[{n}].{key}", do=do)
         out[row["id"]] = row
     return list(out.values())
 

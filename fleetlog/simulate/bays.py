@@ -5,9 +5,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.core.truck import Truck
+from fleetlog.core.words import count, listed
 from fleetlog.errors import SiteError
 from fleetlog.simulate.doors import SHARES, Bay, Door, Stand, door_beside, opposite_spur, span
 from fleetlog.simulate.junctions import GAP, Junctions, half_box
@@ -154,36 +155,44 @@ def offsets(t: Track, lane: int) -> tuple[Floats, Floats]:
 def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], spots: int) -> list[str]:
     """Make bays at places and for ``spots`` trucks; notes, or :class:`SiteError` (see ``_at_place``)."""
     # Bays are at lanes that lead to one another and to most of the places.
-    network, near = maker.track.network, []
+    network, near = maker.track.network, dict[str, Ints]()
     for place in site.places:
         lanes = maker.lanes_near(place.x, place.y)
         if place.id not in mined and (not lanes or lanes[0][0] > OFF_ROADS):
             do = f"move it to within {OFF_ROADS:.0f} m of a road, or draw the road that leads there"
             raise SiteError(f"place {place.id!r} at ({place.x:.1f}, {place.y:.1f}) is off the roads", do=do)
-        near.append(np.array([lane for _, lane, _ in lanes], dtype=np.int64))
-    maker.lasting = main_part(network, near)
-    out = ~maker.lasting
-    told = f"{out.sum()} of {len(network)} lanes ({network.length[out].sum():.0f} m)"
-    notes = [f"{told} cannot be reached and left again: nobody stops there"] if out.any() else []
-    notes += [note for place in site.places if (note := _at_place(maker, place, place.id in mined))]
+        near[place.id] = np.array([lane for _, lane, _ in lanes], dtype=np.int64)
+    maker.lasting = main_part(network, near.values())
+    out = {p.id: why for p in site.places if (why := _at_place(maker, p, near[p.id], p.id in mined))}
+    # Trucks come to the other direction of a road where they stop through its bays.
+    beside = ~maker.lasting & (network.reverse >= 0) & maker.lasting[network.reverse]
+    lost, notes = "cannot be reached and left again: nobody stops there", []
+    turned = "joined to the others by no turn: trucks turn round at places"
+    for k, what in ((~maker.lasting & ~beside, lost), (beside, turned)):
+        told = f"{k.sum()} of {len(network)} lanes ({network.length[k].sum():.0f} m) {what}"
+        notes += [told] if k.any() else []
+    for why in dict.fromkeys(out.values()):
+        notes.append(f"places left out, {why}: {listed([repr(p) for p in out if out[p] == why])}")
     notes += _drawn(site, maker, spots)
     room = sum(b.place.kind != "charge" for b in maker.bays)
     if vehicles > room - 1:
-        what = f"{vehicles} trucks are more than the site can hold: there is room to park {max(room - 1, 0)}"
+        what = f"a fleet of {vehicles} is more than the site can hold: {max(room - 1, 0)} have room to park"
         raise SiteError(what, do="simulate fewer trucks or add roads and parking places")
     return notes
 
 
-def _at_place(maker: BayMaker, place: Place, mined: bool) -> str | None:
-    """Make the bays of a place; what to say where it gets none."""
-    if not mined and not maker.lanes_near(place.x, place.y):
-        return f"place {place.id!r} cannot be reached from the others and left again: it is left out"
+def _at_place(maker: BayMaker, place: Place, lanes: Ints, mined: bool) -> str | None:
+    """Make the bays of a place with ``lanes`` near, the nearest first; why it gets none."""
     wanted = max(place.plugs, 1)
     made = sum(maker.place(place) is not None for _ in range(wanted))
     if made >= (wanted if place.kind == "charge" and not mined else 1):
         return None
+    roads = maker.track.network.roads
+    beside = [e for e in lanes if roads[e] == roads[lanes[0]]]
+    if beside and not made and not maker.lasting[beside].any():
+        return "which cannot be reached from the others and left again"
     if mined:
-        return f"no room for a truck beside the road at the mined place {place.id!r}: it is left out"
+        return "which the recording shows where there is no room for a truck beside the road"
     what = f"no room for a truck of {maker.truck.chassis.length:g} m beside the road at place {place.id!r}"
     raise SiteError(what, do="move the place to a longer stretch of road, or away from its neighbours")
 
@@ -193,14 +202,14 @@ def _drawn(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
     notes, kinds = [], {b.place.kind for b in maker.bays}
     if not site.places:
         made = auto_places(maker, max(24, 3 * vehicles))
-        return [f"the site has no places: {made} parking, pick and drop spots were drawn along its roads"]
+        return [f"the site has no places: {count(made, 'spot')} to park, pick and drop drawn along its roads"]
     if not kinds & {"pick", "drop"}:
         made = auto_places(maker, max(12, 2 * vehicles), ("pick", "drop"))
-        notes.append(f"the site has no pick or drop place: {made} were drawn along its roads")
+        notes.append(f"the site has no pick or drop place: {count(made, 'spot')} drawn along its roads")
     free = sum(b.place.kind != "charge" for b in maker.bays)
     if free < 2 * vehicles + 2:
         made = auto_places(maker, 2 * vehicles + 2 - free, ("park",), "spot")
-        more = f"{made} further parking spots were drawn along the roads for {vehicles} trucks"
+        more = f"{count(made, 'further parking spot')} drawn along the roads for {count(vehicles, 'truck')}"
         notes += [more] if made else []
     return notes
 

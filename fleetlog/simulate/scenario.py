@@ -5,19 +5,20 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fleetlog import engines, scratch
+from fleetlog.core.arguments import NONE, Factor
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import percent
+from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError, FleetlogError, nearest
 from fleetlog.listening import listening, progress, unheard
 from fleetlog.physics.power import Physics
@@ -38,7 +39,6 @@ MEASURES = {
 """What is drawn and compared, and how it is called."""
 LITTLE = 0.02  # One more that adds less to the tasks done than this brings little: seeds differ by as much
 MOST = 10_000  # Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand
-NONE = "none"  # The value of a factor that leaves the scenario as it is
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,7 @@ class Scenario:
 
     def write(self, writer: DatasetWriter) -> Summary:
         """Simulate and write the trajectories."""
-        what = (self.settings, self.demand, self.physics)
-        return simulate(self.site, self.truck, writer, *what, mined=self.mined)
+        return simulate(self.site, self.truck, writer, self.settings, self.demand, self.physics, self.mined)
 
     def run(self) -> Summary:
         """Simulate and keep only the summary."""
@@ -121,42 +120,12 @@ def _one_more(scenario: Scenario, before: Summary, scarce: Resource) -> dict[str
         return {"what": what, "statement": f"{what}: there is no room for it beside the road"}
     done, waiting = after.count.tasks_done, after.waiting_s
     waits = before.limits.task_wait_s["mean"], after.limits.task_wait_s["mean"]
-    statement = f"{what}: {done} tasks done instead of {before.count.tasks_done}, "
+    statement = f"{what}: {count(done, 'task')} done instead of {before.count.tasks_done}, "
     statement += f"{waiting / 3600.0:.2f} truck hours of waiting instead of {before.waiting_s / 3600.0:.2f}"
     if max(waits) > 0.0:
         statement += f", tasks wait {waits[1]:.0f} s instead of {waits[0]:.0f} s"
-    return {
-        "what": what, "tasks_done": done, "task_wait_s": round(waits[1], 2), "waiting_s": round(waiting, 1),
-        "statement": statement,
-    }  # fmt: skip
-
-
-class Factor(NamedTuple):
-    """A setting that is varied; a value that is a number is also drawn as one."""
-
-    name: str
-    values: tuple[str, ...]
-
-
-def factor(text: str) -> Factor:
-    """The factor of ``NAME=VALUES``; ``2..6``, ``2..10..2`` and ``a,b,c`` are values, also mixed."""
-    name, equals, values = text.partition("=")
-    if not equals or not name.strip() or not values.strip():
-        raise DataError(f"{text!r} is no setting with values", do="write NAME=VALUES, such as plugs=2..6")
-    kept = tuple(dict.fromkeys(v for part in values.split(",") for v in _values(part.strip())))
-    # What a road costs shows beside the site without it.
-    return Factor(name.strip(), (NONE, *(v for v in kept if v != NONE)) if name.strip() == "close" else kept)
-
-
-def _values(part: str) -> Iterator[str]:
-    found = re.fullmatch(r"(\d{1,5})\.\.(\d{1,5})(?:\.\.(\d{1,5}))?", part)
-    if not found:
-        yield part
-        return
-    low, high, step = int(found[1]), int(found[2]), int(found[3] or 1)
-    if high < low or not step:
-        raise DataError(f"{part!r} is an empty range", do="write the lower number first, such as 2..6")
-    yield from (str(k) for k in range(low, high + 1, step))
+    told = {"what": what, "tasks_done": done, "task_wait_s": round(waits[1], 2)}
+    return {**told, "waiting_s": round(waiting, 1), "statement": statement}
 
 
 def _whole(value: str, name: str) -> int:
@@ -197,6 +166,8 @@ def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, 
     """Every combination of values, and the scenario that it makes of ``base``."""
     if math.prod(len(f.values) for f in factors) > MOST:
         raise DataError(f"these values make more than {MOST:,} variants", do="vary less at once")
+    if len({f.name for f in factors}) < len(factors):
+        raise DataError("a setting is varied twice", do="name each once, with all its values")
     fleets = [_whole(v, f.name) for f in factors if f.name == "vehicles" for v in f.values]
     base = replace(base, settings=replace(base.settings, room=max([base.settings.vehicles, *fleets])))
     out = []
@@ -249,6 +220,7 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
         "charged_kwh": s.charged_wh / 1000.0, "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1),
         "charges": c.charges, "soc_lowest": s.soc_lowest, "longest_wait_s": s.longest_wait_s,
         "deadlocks": c.deadlocks, "empty": len(c.empty),
+        "left_out": "; ".join(note for note in s.notes if note.startswith("places left out")),
         "bottleneck": "none" if worst is None else worst.kind + (f", {worst.name}" if worst.name else ""),
     }  # fmt: skip
 
@@ -266,6 +238,7 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
             for key, values in ((name, good[name]), (f"{name}_change", (good[name] - first[name]).dropna())):
                 row |= {key: float(values.mean()), f"{key}_ci": half_width(values.to_numpy(float))}
         row["bottleneck"] = good.bottleneck.mode().iloc[0] if len(good) else str(group.error.iloc[0])
+        row["left_out"] = "; ".join(good.left_out.unique())
         out.append(row)
     return pd.DataFrame(out)
 
@@ -288,7 +261,7 @@ def _cells(row: Mapping[Any, Any]) -> list[str]:
     return [
         number("tasks_per_h"), "" if row["variant"] == 0 else number("tasks_per_h_change", sign="+"),
         number("waiting_share", " %"), number("energy_per_task_wh"), number("task_wait_s", " s"),
-        str(row["bottleneck"]),
+        "; ".join(filter(None, [str(row["bottleneck"]), row["left_out"]])),
     ]  # fmt: skip
 
 

@@ -206,7 +206,7 @@ class Trucks:
         if isinstance(trucks, Truck):
             others = [truck for truck, count in trucks.others for _ in range(count)]
             if len(others) > vehicles:
-                what = f"{len(others)} trucks of other types are more than the {vehicles} vehicles"
+                what = f"trucks of other types ({len(others)}) are more than the vehicles ({vehicles})"
                 do = "ask for more with --vehicles, or for fewer in the truck's [[fleet]]"
                 raise DataError(what, do=do)
             trucks = [replace(trucks, others=())] * (vehicles - len(others)) + others

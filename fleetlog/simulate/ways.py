@@ -104,7 +104,7 @@ def with_loops(site: Site) -> tuple[Site, list[str]]:
     if (parts(network) < 0).all():
         what = f"{NO_WAY_BACK}: a truck that leaves a place could not return"
         raise SiteError(what, do="join the ends of the lanes, or draw roads in both directions")
-    return replace(site, network=network), [f"{NO_WAY_BACK}: trucks turn round at {count} open ends"]
+    return replace(site, network=network), [f"{NO_WAY_BACK}: trucks turn round at open ends ({count})"]
 
 
 class Itinerary(NamedTuple):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from itertools import compress
 from types import MappingProxyType
 from typing import Any
 
@@ -11,7 +12,7 @@ from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site, Zone
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import listed
+from fleetlog.core.words import count, listed
 from fleetlog.physics.motion.legs import standing_still
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
@@ -60,6 +61,9 @@ def build_world(
     notes = [*notes, *absent]
     at_start = [p.at(0.0) for p in own]
     fastest = max((p.actual_truck.drive for p in at_start), key=lambda d: d.max_speed * d.speed_factor)
+    if narrow := [*dict.fromkeys(compress(network.roads, network.width < truck.chassis.width))]:
+        what = f"the map has {count(len(narrow), 'road')} narrower than a truck of {truck.chassis.width:g} m"
+        notes.append(f"{what}, first {narrow[0]!r}: trucks drive there all the same")
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
     maker = BayMaker(track, junctions, truck, 1.0 if site.traffic == "left" else -1.0, stands)
@@ -237,7 +241,7 @@ def closing(site: Site) -> list[Zone]:
 
 
 class Crossings:
-    """When people cross: after exponential times of a mean, each for as long; a function of the seed."""
+    """When people cross, all for as long; exponential times of a mean lie between; a function of the seed."""
 
     def __init__(self, site: Site, stops: Floats, seed: int) -> None:
         self._zones, self._lanes = closing(site), np.isfinite(stops)

@@ -2,17 +2,18 @@
 
 from dataclasses import asdict, replace
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 from fleetlog import scratch
 from fleetlog.api import inputs
-from fleetlog.api.answer import Answer, dataset_answer, destination
-from fleetlog.core.arguments import moment, seconds
+from fleetlog.api.answer import Answer, dataset_answer, destination, write_folder
+from fleetlog.core.arguments import factor, moment, seconds
 from fleetlog.core.site import Site
 from fleetlog.core.words import count, percent
-from fleetlog.errors import ArgumentError, chosen
+from fleetlog.errors import EXIT_DAMAGED, ArgumentError, FleetlogError, InputError, chosen
 from fleetlog.listening import notice
 from fleetlog.physics.battery import battery_of
 from fleetlog.physics.power import Physics, all_terms
@@ -22,29 +23,38 @@ from fleetlog.simulate.engine import DEFAULT_START, Settings
 from fleetlog.simulate.mission import replay
 from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.retrace import run_cycle, strip
-from fleetlog.simulate.scenario import Scenario, experiment, factor, one_more
-from fleetlog.simulate.tasks import Demand, read_tasks
+from fleetlog.simulate.scenario import Scenario, experiment, one_more, variants
+from fleetlog.simulate.tasks import LEFT_OUT, Demand, read_tasks
 from fleetlog.store import DatasetWriter
 from fleetlog.store.documents import provenance
+from fleetlog.verbs.simulate import simulate
 
 Asked = SimpleNamespace  # The arguments of :func:`fleetlog.verbs.simulate.simulate`, converted
 Told = tuple[dict[str, Any], list[str]]  # A summary, and the same in sentences
+FLEET = "vehicles tasks close vary runs rate step charge_below policy chemistry "
+UNUSED = {
+    "same_mission": FLEET + "cycle duration start soc",
+    "cycle": FLEET + "site like together temperature",
+}
+"""Options that runs of no fleet have no use for."""
+NEEDED = {"same_mission": "like", "together": "same_mission"}
 
 
 def answer(asked: Asked) -> Answer:
     """Run what is asked for."""
     read = inputs.files_of(asked.site, asked.truck, asked.like, asked.tasks, asked.physics, asked.experiment)
     like = None if asked.like is None else str(inputs.as_path(asked.like))
+    _check(asked)
+    asked.varies = bool(asked.vary) or asked.runs != 1 or isinstance(asked.vehicles, str)
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
-    _check(asked)
     asked.site = _site(asked)
     asked.physics = _physics(asked)
-    if _varies(asked):
+    if asked.varies:
         return _experiment(asked, read)
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
-    create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=read)
-    with create(target, "simulated", asked.site) as writer:
+    over = asked.overwrite
+    with DatasetWriter.create(target, "simulated", asked.site, overwrite=over, inputs=read) as writer:
         writer.provenance = provenance(read, asked.seed, like=like, truck=asdict(asked.truck.chassis))
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         writer.summary, lines = run(asked, writer)
@@ -58,27 +68,21 @@ def answer(asked: Asked) -> Answer:
                 write_recording(writer.path, replayed)
             else:  # beside the recorded fleet, to compare the two
                 write_comparison(asked.like.path, writer.path, replayed)
-    return dataset_answer("simulate", target, target if asked.output else None, writer.summary, lines)
-
-
-def _varies(asked: Asked) -> bool:
-    """Whether more than one run is asked for."""
-    return bool(asked.vary) or asked.runs != 1 or isinstance(asked.vehicles, str)
+    made = dataset_answer("simulate", target, target if asked.output else None, writer.summary, lines)
+    if asked.tasks is not None and (made.tables["tasks"].status == LEFT_OUT).any():
+        made.status, made.warning = EXIT_DAMAGED, f"tasks were {LEFT_OUT}; see status in tasks.parquet"
+    return made
 
 
 def _check(asked: Asked) -> None:
-    alone = asked.same_mission or asked.cycle
-    nowhere = asked.site is None and asked.like is None and not asked.cycle
-    wrong = {
-        "--same-mission needs the recording; name it with --like": asked.same_mission and asked.like is None,
-        "--together is for recorded missions; add --same-mission and --like":
-            asked.together and not asked.same_mission,
-        "--close is for a fleet: not with --same-mission or --cycle": asked.close and alone,
-        "an experiment is for a fleet: not with --same-mission or --cycle": _varies(asked) and alone,
-        "a simulation needs a site; name one with --site, or a dataset with --like": nowhere,
-    }  # fmt: skip
-    for what in (w for w, so in wrong.items() if so):
-        raise ArgumentError(what)
+    options = signature(simulate).parameters.items()
+    given = {name for name, o in options if str(getattr(asked, name, None)) != str(o.default)}
+    wrong = [f"--{a} goes with --{b}; add --{b}" for a, b in NEEDED.items() if a in given and b not in given]
+    wrong += [f"--{a} does not go with --{b}" for b in UNUSED for a in UNUSED[b].split() if {a, b} <= given]
+    if not given & {"site", "like", "cycle"}:
+        wrong.append("a simulation needs a site; name one with --site, or a dataset with --like")
+    if wrong:
+        raise ArgumentError(wrong[0].replace("_", "-"))
 
 
 def _site(asked: Asked) -> Site:
@@ -100,20 +104,25 @@ def _physics(asked: Asked) -> Physics:
 def _experiment(asked: Asked, read: list[Path]) -> Answer:
     from fleetlog.report.experiment import experiment_page
 
-    factors, fleet = [factor(text) for text in asked.vary], asked.vehicles
+    factors, fleet = list(asked.vary), asked.vehicles
     with destination(asked.output, "analysis", asked.overwrite, read) as keep:
         made = [_scenario(asked, seed) for seed in range(asked.seed, asked.seed + asked.runs)]
         for note in made[0][1]:
-            notice(note)
+            notice(note if all(note in notes for _, notes in made) else f"seed {asked.seed}: {note}")
         bases = [scenario for scenario, _ in made]
         if isinstance(fleet, str) or not factors:
             factors.insert(0, factor(f"vehicles={fleet or bases[0].settings.vehicles}"))
-        names = [f.name for f in factors]
-        if double := {name for name in names if names.count(name) > 1}:
-            raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", where="--vary")
+        try:
+            variants(bases[0], factors)
+        except FleetlogError as error:
+            where = next((f.file for f in asked.vary), None) or ("--vary" if asked.vary else "--vehicles")
+            wrong = InputError if isinstance(where, Path) else ArgumentError
+            raise wrong(error.what, where=where, do=error.do) from None
         result = experiment(bases, factors)
         result.summary["provenance"] = provenance(read, asked.seed)
-        return keep(Answer.of(result, asked.site, page=experiment_page(result, asked.site)))
+        page = experiment_page(result, asked.site)
+        write = partial(write_folder, result, asked.site, page=page, recording=asked.recording)
+        return keep(Answer.of(result, asked.site, page=page, write=write))
 
 
 def _fleet(asked: Asked, writer: DatasetWriter) -> Told:
@@ -136,7 +145,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     own = {p.id for p in site.places}
     if like is not None:
         # Another fleet than the recorded one shares the tasks in its own way.
-        same = vehicles == recorded and not _varies(asked)
+        same = vehicles == recorded and not asked.varies
         driven, untold = recorded_drivers(like, truck) if same else (truck, [])
         site, demand, notes = demands.like(like, site, truck, vehicles, start, asked.duration, seed, same)
         notes += untold
@@ -144,7 +153,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
         demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed, start), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
     settings = Settings(
-        vehicles, asked.duration, asked.step, 1.0 / (asked.rate or 1e-9), start, seed, asked.soc,
+        vehicles, asked.duration, asked.step, 1.0 / asked.rate, start, seed, asked.soc,
         asked.temperature, Policy.named(asked.policy, asked.charge_below), battery,
     )  # fmt: skip
     mined = frozenset(p.id for p in site.places) - own
@@ -153,26 +162,24 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
 
 def _mission(asked: Asked, writer: DatasetWriter) -> Told:
     writer.site = asked.like.site
-    summary = replay(asked.like, asked.truck, writer, asked.physics, asked.together, asked.temperature)
+    s = replay(asked.like, asked.truck, writer, asked.physics, asked.together, asked.temperature)
     lines = [
-        f"{count(summary.vehicles, 'truck')} drove {count(summary.trips, 'trip')} again: "
-        f"{count(summary.rows, 'row')}.",
-        f"Simulated over recorded: distance {summary.distance_ratio:.3f}, driving time "
-        f"{summary.duration_ratio:.3f}, energy {summary.energy_ratio:.3f}.",
+        f"{count(s.vehicles, 'truck')} drove {count(s.trips, 'trip')} again: {count(s.rows, 'row')}.",
+        f"Simulated over recorded: distance {s.distance_ratio:.3f}, driving time {s.duration_ratio:.3f}, "
+        f"energy {s.energy_ratio:.3f}.",
     ]
-    if summary.own_path:
-        own = count(summary.own_path, "trip")
-        lines.append(f"Not on the roads, and driven along the recorded positions: {own}.")
-    if summary.lost_share is not None:
-        lines.append(f"Trucks lose {percent(summary.lost_share, 1)} of the travel time to other trucks.")
-    return {k: v for k, v in asdict(summary).items() if v is not None}, lines
+    if s.own_path:
+        lines.append(f"Driven along the recorded positions, not on the roads: {count(s.own_path, 'trip')}.")
+    if s.lost_share is not None:
+        lines.append(f"Trucks lose {percent(s.lost_share, 1)} of the travel time to other trucks.")
+    return {k: v for k, v in asdict(s).items() if v is not None}, lines
 
 
 def _cycle(asked: Asked, writer: DatasetWriter) -> Told:
     a, begin = asked, _start(asked)
     watts = run_cycle(a.cycle, a.truck, a.duration, writer, a.physics, begin, a.soc)
-    line = f"{asked.cycle}: {watts / 1000.0:.3f} kWh/h at the battery"
-    return {"cycle": asked.cycle, "mean_power_w": watts}, [line]
+    line = f"{a.cycle}: {watts / 1000.0:.3f} kWh/h at the battery"
+    return {"cycle": a.cycle, "mean_power_w": watts}, [line]
 
 
 def _start(asked: Asked) -> int:

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 from fleetlog.api.answer import Answer
 from fleetlog.api.inputs import DatasetLike, PathLike, PhysicsLike, SiteLike, TableLike, TruckLike
 from fleetlog.api.verb import Option, verb
-from fleetlog.core.arguments import Between, Counts, Duration, Moment, Seed, Share
+from fleetlog.core.arguments import Between, Counts, Duration, Factors, Moment, Seed, Share
 from fleetlog.core.schema import load_toml
-from fleetlog.errors import ArgumentError, nearest
+from fleetlog.errors import ArgumentError, InputError, chosen
 
 FILES = ("site", "truck", "like", "tasks", "physics")
 
@@ -22,21 +22,25 @@ def settings_file(given: dict[str, Any], options: dict[str, Option]) -> dict[str
     path, filled = Path(given["experiment"]), dict[str, Any]()
     table = load_toml(path)
     if not isinstance(vary := table.pop("vary", {}), dict):
-        raise ArgumentError(f"{path}: vary is not a table", where="--experiment", do="write [vary]")
+        raise InputError("is not a table", where=path, place="vary", do="write [vary]")
+    if vary:
+        table["vary"] = [f"{name}={','.join(_texts(values))}" for name, values in vary.items()]
     for key, value in table.items():
         name, texts = key.replace("-", "_"), _texts(value)
-        if name not in options:
-            what = f"{path}: unknown key {name!r}; {nearest(name, options)}"
-            raise ArgumentError(what, where="--experiment")
-        if isinstance(value, list) and not options[name].many:
-            raise ArgumentError(f"{path}: {name} takes one value", where="--experiment")
-        filled[name] = value if options[name].flag else texts if options[name].many else texts[0]
+        option = chosen(options, name, "unknown key", InputError, where=path, place=name)
+        if isinstance(value, list) and not option.many:
+            raise InputError("takes one value", where=path, place=name)
+        filled[name] = value if option.flag else texts if option.many else texts[0]
         if name in FILES:
             with suppress(OSError, ValueError):  # what cannot be a name is none of a file
                 (path.parent / texts[0]).stat()
                 filled[name] = str(path.parent / texts[0])
-    if vary:
-        filled["vary"] = [f"{name}={','.join(_texts(values))}" for name, values in vary.items()]
+        try:
+            checked = option.convert(filled[name])
+        except ArgumentError as error:
+            raise InputError(error.what, where=path, place=name) from None
+        if name == "vary":
+            filled[name] = [one._replace(file=path) for one in checked]
     return {**filled, **given}
 
 
@@ -52,10 +56,10 @@ def simulate(
     same_mission: bool = False, together: bool = False, tasks: TableLike | None = None,
     cycle: Literal["vdi2198"] | None = None,
     close: tuple[str, ...] = (), physics: PhysicsLike | None = None, without: tuple[str, ...] = (),
-    seed: Seed = 0, rate: Annotated[float, Between(0.0, 1000.0)] = 1.0,
-    step: Annotated[float, Between(0.001, 60.0)] = 0.1, start: Moment | None = None, soc: Share = 0.95,
+    seed: Seed = 0, rate: Annotated[float, Between(0.0, 1000.0, above=True)] = 1.0,
+    step: Annotated[float, Between(0.01, 0.25)] = 0.1, start: Moment | None = None, soc: Share = 0.95,
     charge_below: Share = 0.3, policy: Literal["opportunity", "threshold"] = "opportunity",
-    shadow: bool = True, experiment: PathLike | None = None, vary: tuple[str, ...] = (),
+    shadow: bool = True, experiment: PathLike | None = None, vary: Factors = (),
     runs: Annotated[int, Between(1, 10_000, whole=True)] = 1,
     chemistry: Literal["constant", "lfp", "lead"] = "constant",
     temperature: Annotated[float, Between(-80.0, 80.0)] = 20.0, recording: bool = True,

@@ -159,10 +159,8 @@ def colour_map(diverging: bool, screen: bool) -> Colormap:
     if diverging and screen:
         return LinearSegmentedColormap.from_list("screen", np.array(SIGNS) / 255.0)
     whole = matplotlib.colormaps[DIVERGING if diverging else SCREEN if screen else PAPER]
-    if diverging:
-        return whole
     # The last tenth nearest to the ground is left out, so that the lowest values still show.
-    return ListedColormap(whole(np.linspace(0.28 if screen else 0.08, 1.0, 256)))
+    return whole if diverging else ListedColormap(whole(np.linspace(0.28 if screen else 0.08, 1.0, 256)))
 
 
 def screen_colours(values: Floats, scale: Scale) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from .conftest import HEAD, Run, ask, drive, log, process
 def test_json_is_one_object_and_nothing_else(run: Run, tmp_path: Path, road: Path) -> None:
     log(tmp_path / "log.csv", drive())
     done = run("import", "log.csv", "--site", road, "-o", "out", "--no-recording", "--json")
-    assert done.status == 0 and done.json["rows"] == 30 and "1 roads read" in done.err
+    assert done.status == 0 and done.json["rows"] == 30 and "1 road read" in done.err
     for path in ("out", "log.csv", road):
         assert run("info", path, "--json").json["kind"] in ("dataset", "log", "map")
     shown = run("import", "log.csv", "--dry-run", "--json")

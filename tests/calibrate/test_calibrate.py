@@ -245,10 +245,10 @@ def test_a_fitted_truck_reads_back() -> None:
         ("run,kind,energy,duration\na,idle,1,\n", "row 1: a run of kind idle needs 'duration'"),
         ("run,kind,energy,duration\na,idle,x,60\n", "row 1, energy: 'x' is not a number"),
         ("run,kind\n", "has no run"),
-        ("run,kind,speed,duration\na,coast_down,3,0\n", "row 1, duration: 0 is not over 0"),
-        ("run,kind,speed,length,energy\na,drive,0,10,5\n", "row 1, speed: 0 is not over 0"),
+        ("run,kind,speed,duration\na,coast_down,3,0\n", "row 1, duration: 0 must be over 0"),
+        ("run,kind,speed,length,energy\na,drive,0,10,5\n", "row 1, speed: 0 must be over 0"),
         ("run,kind,speed,end_speed,duration\na,coast_down,2,3,9\n", "the end speed is not below the speed"),
-        ("run,kind,energy,duration,payload\na,idle,5,60,-3\n", "row 1, payload: -3 is not at least 0"),
+        ("run,kind,energy,duration,payload\na,idle,5,60,-3\n", "row 1, payload: -3 must be at least 0"),
         ("run,kind,energy,duration\na,idle,inf,60\n", "row 1, energy: inf is not a finite number"),
     ],
 )

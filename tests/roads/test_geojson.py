@@ -124,7 +124,7 @@ def test_every_feature_is_accounted_for(load):
     assert (report.read, report.kept, report.dropped) == (5, 2, {"not a line": 2, "without length": 1})
     assert network.edge_ids[0] == "road3"
     assert any("did you mean 'oneway'" in note for note in report.notes)
-    assert any("no id" in note for note in report.notes)
+    assert any("1 road without an id" in note for note in report.notes)
 
 
 def test_the_parts_of_a_multilinestring_are_roads(load):
@@ -170,7 +170,7 @@ def test_wrong_documents(tmp_path):
         ('{"type": "FeatureCollection", "features": [' + "[" * 100_000, "not readable|not valid"),
         ('{"type": "Feature"s}', "not valid JSON"),
         ('{"type": "FeatureCollection", "features": 3}', "not a FeatureCollection"),
-        ('{"type": "FeatureCollection", "features": []}', "no road in it: 0 features"),
+        ('{"type": "FeatureCollection", "features": []}', "no road in it; features read: 0"),
         ('{"type": "FeatureCollection", "features": [], "crs": {"properties": {"name": "EPSG:25832"}}}', "coordinates are in EPSG:25832"),
     ]:  # fmt: skip
         path.write_text(text)

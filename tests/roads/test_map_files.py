@@ -22,14 +22,14 @@ LOADED = {
     "mapmatch/osmnx_drive_graph.graphml": (1028, 109460, 2365),
 }
 REFUSED = {
-    "mapmatch/downtown_denver.geojson": "no road in it: 1 features",
+    "mapmatch/downtown_denver.geojson": "no road in it; features read: 1",
     "mapmatch/sample_trace_1.csv": "not a map of a known format",
     "mapmatch/sample_trace_2.csv": "not a map of a known format",
     "mapmatch/sample_trace_3.csv": "not a map of a known format",
-    "mapmatch/test_trace.geojson": "no road in it: 16 features",
+    "mapmatch/test_trace.geojson": "no road in it; features read: 16",
     "mapmatch/test_trace.gpx": "not a map of a known format",
-    "mapmatch/test_trace_stationary_points.geojson": "no road in it: 20 features",
-    "mapmatch/trace_bad_start.geojson": "no road in it: 17 features",
+    "mapmatch/test_trace_stationary_points.geojson": "no road in it; features read: 20",
+    "mapmatch/trace_bad_start.geojson": "no road in it; features read: 17",
 }
 
 

@@ -129,7 +129,7 @@ def test_a_projected_graph_is_brought_to_the_ground(tmp_path):
     "edges, crs, why",
     [
         ('<edge source="1" target="7"/>', "epsg:4326", "there is no node '7'"),
-        ("", "epsg:4326", "no road in it: 0 edges"),
+        ("", "epsg:4326", "no road in it; edges read: 0"),
         ('<edge source="1" target="2"><data key="g">POINT (1 2)</data></edge>', "epsg:4326", "is no LINESTRING"),
         ('<edge source="1" target="2"><data key="g">LINESTRING (1 2)</data></edge>', "epsg:4326", "LINESTRING is broken"),
         ('<edge source="1" target="2"><data key="g">LINESTRING (1 a, 2 3)</data></edge>', "epsg:4326", "'a' is not a number"),
@@ -177,7 +177,7 @@ def test_osm_ways_are_split_where_they_meet_and_counted(tmp_path):
     assert network.edge_ids == ("10:0", "-10:0", "10:1", "-10:1", "20", "-20", "30")
     assert (report.read, report.kept) == (6, 3)
     assert report.dropped == {"class footway": 1, "closed to traffic": 1, "without nodes in the file": 1}
-    assert any("2 ways name nodes" in note for note in report.notes)
+    assert any("2 ways over nodes" in note for note in report.notes)
     assert network.speed_limit[0] == pytest.approx(4.4704) and network.width[4] == 3.5
     spot = GEOD.line_length([9.150, 9.151], [49.97, 49.97])
     assert network.length[0] == pytest.approx(spot, abs=1e-3)
@@ -208,7 +208,7 @@ def test_osm_classes_are_a_choice(tmp_path):
 
 
 def test_osm_refused_in_one_line(tmp_path):
-    refused(tmp_path, "map.osm", "<osm/>", "no driven road in 0 ways")
+    refused(tmp_path, "map.osm", "<osm/>", "no driven road in it; ways with a highway tag: 0")
     refused(tmp_path, "map.osm", '<osm><node id="1" lat="x" lon="9"/></osm>', "node 1: 'x' is not a number")
     refused(tmp_path, "map.osm", '<osm><node id="1" lat="1"/></osm>', "node 1: None is not a number")
     refused(tmp_path, "map.osm", "<osm><node>", "not well-formed")
@@ -279,7 +279,7 @@ def test_lif_stations_are_places_where_actions_tell_what_for(tmp_path, version):
     ]
     site, report = lif(tmp_path, [track("e1", "A", "B")], stations=stations, version=version)
     assert [(p.id, p.kind, p.x) for p in site.places] == [("S1", "pick", 0.0), ("S2", "charge", 20.0)]
-    assert any("1 stations are left out" in note for note in report.notes)
+    assert any("1 station left out" in note for note in report.notes)
 
 
 def floors(*origins):
@@ -345,5 +345,5 @@ def test_wrong_lif_documents(tmp_path):
     refused(tmp_path, "l.json", floors(GROUND, ("u", GROUND[1], [])), "node A: occurs twice")
     refused(tmp_path, "l.json", '{"layouts": [3]}', "not an object")
     refused(tmp_path, "l.json", '{"layouts": [{"nodes": [{"nodeId": "a"}]}]}', "node a: has no position")
-    refused(tmp_path, "l.json", '{"layouts": []}', "no road in it: 0 edges")
+    refused(tmp_path, "l.json", '{"layouts": []}', "no road in it; edges read: 0")
     refused(tmp_path, "l.json", '{"layouts": [}', "not valid JSON")

@@ -119,7 +119,7 @@ WRONG = {
     "[[place]]\nid = 'a'\nkind = 'dock'\nx = 1\ny = 2": "place[0].kind: 'dock' is none of pick, drop, park, charge",
     "[[place]]\nid = 'a'\nkind = 'pick'\nx = 1": "place[0]: y is missing",
     "[[place]]\nid = 'a'\nkind = 'pick'\nx = 1\ny = 2\nplug = 1": "did you mean 'plugs'?",
-    "[[place]]\nid = 'a'\nkind = 'pick'\nx = 1\ny = 2\nplugs = 0": "0 is outside 1 to",
+    "[[place]]\nid = 'a'\nkind = 'pick'\nx = 1\ny = 2\nplugs = 0": "0 is not a whole number from 1 to",
     "[[place]]\nid = 'a'\nkind = 'pick'\nx = 1\ny = 2\n" * 2: "the id 'a' occurs twice",
     "[place]\nid = 'a'": "write [[place]]",
     "[[zone]]\npolygon = [[0, 0], [1, 1], [0, 0]]": "zone[0].polygon",

@@ -1,11 +1,14 @@
 """Maps as they come: one-way exits, islands, lanes that lead nowhere, roundabouts, places that nobody can leave again."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from laws import keeps_the_laws
 from simulated_sites import TRUCK, place, road
 
-from fleetlog.core.network import Edge, build_network
+from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
 from fleetlog.simulate.junctions import find_junctions
@@ -75,9 +78,29 @@ def test_what_cannot_be_left_again_is_left_out_and_said(simulated):
     assert not {e for t in outcome.tracks for e in t.labels("edge_id").strings()} & {"exit"}
 
 
+def test_both_ways_round_a_ring_are_driven_and_it_is_said_where_they_meet(simulated):
+    edges = [way for one in ring() for way in (one, reversed_edge(one))]
+    outcome = simulated(Site("ring", network=build_network(edges)), 1, 1800.0, interval=1.0)
+    told = [n for n in outcome.summary.notes if "lanes" in n]
+    assert len(told) == 1 and told[0].startswith("4 of 8 lanes (188 m) joined to the others by no turn")
+    driven = {e for t in outcome.tracks for e in t.labels("edge_id").strings() if e}
+    assert {e.startswith("-") for e in driven} == {True, False}
+
+
+@pytest.mark.parametrize("narrow", [0, 1, 4])
+def test_stated_widths_below_that_of_a_truck_are_counted_and_named(narrow, simulated):
+    widths = [0.9] * narrow + [4.0] * 3 + [float("nan")] * 4
+    edges = [replace(edge, width=width) for edge, width in zip(ring(), widths, strict=False)]
+    notes = simulated(Site("ring", network=build_network(edges)), 1, 60.0).summary.notes
+    told = [n for n in notes if "narrower than a truck of 1.2 m" in n]
+    assert len(told) == (narrow > 0)
+    assert all(f"{narrow} road{'s' * (narrow > 1)} narrower" in n and "'rq0'" in n for n in told)
+    assert not [n for n in notes if re.search(r"\b1 [a-z ]+s\b", n)], "one of a thing is no plural"
+
+
 def test_turning_round_at_open_ends_is_said_and_kept_with_the_dataset(simulated):
     outcome = simulated(Site("map", network=lanes()), 2, 600.0)
-    assert "turn round at 2 open ends" in outcome.summary.notes[0]
+    assert "turn round at open ends (2)" in outcome.summary.notes[0]
     assert (parts(outcome.dataset.site.network) == 0).all()
 
 
@@ -86,7 +109,7 @@ def test_a_place_on_an_exit_is_left_out_with_its_tasks(simulated):
     tasks = [Task(None, "pick1", f"drop{1 + k % 2}", 500.0, 30.0 * k) for k in range(4)]
     site = Site("map", network=one_way_exit(), places=places)
     outcome = simulated(site, 2, 900.0, demand=Demand(tasks, endless=False))
-    assert any("'drop2' cannot be reached" in n for n in outcome.summary.notes)
+    assert any("cannot be reached" in n and n.endswith(": 'drop2'") for n in outcome.summary.notes)
     assert any("2 tasks" in n for n in outcome.summary.notes)
     assert outcome.summary.count.tasks_done == 2
 

@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.store import Dataset
+from fleetlog.store.events import read_table
 from fleetlog.verbs.info import describe
 
 
@@ -94,6 +95,46 @@ def test_the_cycle_agrees_with_the_energy_worked_out_by_hand(tmp_path):
     assert done.exit_code == 0, done.output
     # Without the rotating masses a tenth of what acceleration costs beyond regeneration is missing: some 2 to 3 Wh of 77.
     assert json.loads(done.stdout)["mean_power_w"] == pytest.approx(4600.0, rel=0.05)
+
+
+def test_places_cut_off_by_closed_roads_are_left_out_and_named(sample, tmp_path):
+    gates = ["gate-0", "gate-1", "gate-2"]
+    closed = [word for gate in gates for word in ("--close", gate)]
+    few = [*sample, "--vehicles", 3, "--duration", "2m", "--no-recording"]
+    alone = run(*few, *closed, "--json", "-o", tmp_path / "alone")
+    assert alone.exit_code == 0, alone.output
+    told = [n for n in json.loads(alone.stdout)["notes"] if "cannot be reached from the others" in n]
+    assert len(told) == 1 and "'rack-2'" in told[0] and "'dock-1'" in told[0] and "'line-1'" not in told[0]
+    both = run(*few, "--vary", f"close={'+'.join(gates)}", "--json", "-o", tmp_path / "both")
+    assert both.exit_code == 0, both.output
+    open_site, cut = json.loads(both.stdout)["variants"]
+    assert open_site["left_out"] == "" and cut["left_out"] == told[0] and cut["possible"] == 1
+
+
+@pytest.mark.parametrize(
+    "mode, idle",
+    [
+        (["--same-mission", "--like", "DATA"], [["--vehicles", 3], ["--duration", "5m"], ["--tasks", "DATA"], ["--policy", "threshold"]]),
+        (["--cycle", "vdi2198"], [["--vehicles", 5], ["--site", "DATA"], ["--like", "DATA"], ["--temperature", 3]]),
+    ],
+)  # fmt: skip
+def test_options_without_a_use_are_wrong_usage(sample, tmp_path, mode, idle):
+    for option in idle:
+        done = run(*sample[2:], *mode, *option, "-o", tmp_path / "x")
+        assert done.exit_code == 2 and f"{option[0]} does not go with {mode[0]}" in done.output
+
+
+def test_tasks_of_places_that_are_left_out_make_status_3(sample, tmp_path):
+    """Some of the data that were given are not used."""
+    (file := tmp_path / "tasks.csv").write_text("from,to,earliest\ndock-1,rack-1,0\ngoods-out-1,line-1,0\n")
+    few = [*sample, "--tasks", file, "--vehicles", 2, "--duration", "2m", "--no-recording", "-q", "-o"]
+    gates = [word for k in range(3) for word in ("--close", f"gate-{k}")]
+    for name, closed, status in (("all", [], 0), ("cut", gates, 3)):
+        words = [str(w) for w in (*few, tmp_path / name, *closed)]
+        done = CliRunner().invoke(load_verb("simulate"), words, standalone_mode=False)
+        assert done.return_value == status and ("tasks.parquet" in done.stderr) == (status == 3)
+        kept = read_table(Dataset(tmp_path / name), "tasks")
+        assert kept.to_place[kept.status == "left out"].tolist() == ["rack-1"] * (status == 3)
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def test_more_trucks_than_the_site_can_hold(simulated):
         (",pick1,pick1,900,0", "both 'pick1'"),
         (",pick1,nowhere,100,0", "no place 'nowhere'"),
         (",pick1,drop1,heavy,0", "not a number"),
-        (",pick1,drop1,-5,0", "not at least 0"),
+        (",pick1,drop1,-5,0", "must be at least 0"),
         (",pick1", "no place ''"),
         (",pick1,drop1,5,0,7", "more fields"),
         (f",pick1,drop1,{'9' * 400},0", "not a finite number"),

@@ -11,10 +11,11 @@ from simulated_sites import TRUCK, grid, place
 
 from fleetlog import engines
 from fleetlog.cli.commands import load_verb
+from fleetlog.core.arguments import factor
 from fleetlog.core.result import half_width
 from fleetlog.errors import DataError, InputError, OutputError
 from fleetlog.simulate.engine import Settings
-from fleetlog.simulate.scenario import Scenario, experiment, factor, variants
+from fleetlog.simulate.scenario import Scenario, experiment, variants
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.events import read_table
 
@@ -144,21 +145,30 @@ def test_an_experiment_from_a_file(plan):
     summary = json.loads(outcome.stdout)
     assert summary["factors"] == {"vehicles": ["2", "3"], "policy": ["opportunity", "threshold"]}
     assert summary["seeds"] == [0] and len(summary["variants"]) == 4
-    assert {f.name for f in (plan / "out").iterdir()} >= {
-        "experiment.json",
-        "experiment.png",
-        "report.html",
-        "runs.parquet",
-    }
+    written = {f.name for f in (plan / "out").iterdir()}
+    assert written >= {"experiment.json", "experiment.png", "report.html", "runs.parquet", "recording.rrd"}
+    again = ("--experiment", plan / "plan.toml", "-o", plan / "out", "--runs", 1, "-q", "--overwrite")
+    assert call(*again, "--no-recording").exit_code == 0
+    assert {f.name for f in (plan / "out").iterdir()} == written - {"recording.rrd"}
 
 
 @pytest.mark.parametrize(
     "arguments, told",
     [
-        (("--runs", "0"), "not at least 1"),
+        (("--runs", "0"), "must be at least 1"),
         (("--vary", "vehicles=3..4"), "varied twice"),
-        (("--vehicles", "3..x"), "neither a number nor a range"),
-        (("--cycle", "vdi2198"), "an experiment is for a fleet"),
+        (("--vehicles", "3..x"), "not a whole number"),
+        (("--vehicles", "14..6"), "empty range"),
+        (("--vary", "plugs=1..20000"), "more than 10,000"),
+        (("--vary", "plugs=0..2"), "from 1 to"),
+        (("--vary", "foo=1"), "cannot be varied"),
+        (("--vary", "policy=sometimes"), "unknown charging policy"),
+        (("--vary", "plugs"), "NAME=VALUES"),
+        (("--vary", "close=nowhere"), "no edge"),
+        (("--rate", "0"), "must be over 0"),
+        (("--step", "5"), "at most 0.25"),
+        (("--duration", "0s"), "over 0 s"),
+        (("--cycle", "vdi2198"), "does not go with --cycle"),
     ],
 )
 def test_wrong_usage_is_one_line(plan, arguments, told):
@@ -170,15 +180,31 @@ def test_wrong_usage_is_one_line(plan, arguments, told):
 @pytest.mark.parametrize(
     "text, told",
     [
-        ('vehicle = "2..3"', "did you mean 'vehicles'"), ("vary = 5", "vary is not a table"),
+        ('vehicle = "2..3"', "did you mean 'vehicles'"), ("vary = 5", "vary: is not a table"),
         ("soc = nan", "not a finite number"), ("duration = [1]", "takes one value"), ("site = []", "takes one value"), ("rate = {}", "not a number"),
         ("policy = 5", "not one of"), ("seed = -1", "at least 0"), ("runs = 1e9", "not"),
+        ('vehicles = "14..6"', "empty range"), ("rate = 0", "must be over 0"), ("step = 5", "at most 0.25"), ('duration = "0s"', "over 0 s"),
+        ("[vary]\nplugs = []", "NAME=VALUES"), ('[vary]\nplugs = "2..1"', "empty range"),
     ],
 )  # fmt: skip
 def test_a_wrong_file_is_one_line(plan, text, told):
     (plan / "bad.toml").write_text(text + "\n")
     outcome = call("--truck", "counterbalance-2.5t", "--experiment", plan / "bad.toml", "-o", plan / "bad")
-    assert outcome.exit_code == 2 and told in outcome.output
+    error = outcome.exception
+    assert type(error) is InputError and told in str(error) and "bad.toml" in str(error)
+
+
+@pytest.mark.parametrize(
+    "line", ["plugs = [0]", "foo = [1]", 'policy = ["sometimes"]', 'close = ["nowhere"]', "vehicles = [3]"]
+)
+def test_what_a_file_varies_in_vain_is_a_fault_of_that_file_and_of_no_option(plan, line):
+    (plan / "bad.toml").write_text(
+        (plan / "plan.toml").read_text().replace('policy = ["opportunity", "threshold"]', line)
+    )
+    outcome = call("--experiment", plan / "bad.toml", "-o", plan / "bad")
+    assert type(outcome.exception) is InputError and "bad.toml" in str(outcome.exception)
+    given = call("--experiment", plan / "bad.toml", "-o", plan / "bad", "--vary", "plugs=0")
+    assert given.exit_code == 2 and "--vary" in given.output
 
 
 @pytest.mark.parametrize("data", [b"a = [", b"\xff", b"a = " + b"9" * 5000])

@@ -8,13 +8,14 @@ import pytest
 from laws import overlaps
 from simulated_sites import TRUCK, grid, place
 
-from fleetlog.core.site import Zone, site_from_dict, site_to_dict
+from fleetlog.core.site import Site, Zone, site_from_dict, site_to_dict
 from fleetlog.core.truck import load_truck
 from fleetlog.errors import DataError, SiteError, TruckError
 from fleetlog.roads.load import load_site
 from fleetlog.simulate.demand import like
 from fleetlog.simulate.state import Trucks
 from fleetlog.simulate.tasks import Demand, Task
+from fleetlog.simulate.world import Crossings
 from fleetlog.store.events import read_table
 from fleetlog.store.results import write_site
 
@@ -62,7 +63,7 @@ def test_a_truck_file_brings_others_beside_it(tmp_path):
     file.write_text('[chassis]\nmass = 4000.0\n[[fleet]]\ntruck = "small.toml"\ncount = 2\n')
     trucks = Trucks.given(load_truck(file), 5)
     assert [trucks[v].chassis.mass for v in range(5)] == [4000.0] * 3 + [2000.0] * 2
-    with pytest.raises(DataError, match="more than the 1 vehicles"):
+    with pytest.raises(DataError, match="more than the vehicles"):
         Trucks.given(load_truck(file), 1)
     for wrong in (
         'truck = "none.toml"\ncount = 1',
@@ -100,6 +101,18 @@ def test_trucks_wait_for_people_who_cross_and_never_drive_through_them(simulated
     assert inside.any(), "trucks still pass when nobody crosses"
     assert not overlaps(crossed)
     assert crossed.summary.count.deadlocks == 0
+
+
+def test_a_zone_is_open_for_a_mean_time_between_crossings_of_one_length():
+    square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+    zone = Zone("walk", square, closed_every=120.0, closed_for=10.0)
+    crossings, closed, seen = Crossings(Site(zones=(zone,)), np.ones((1, 1)), seed=1), np.zeros(1, bool), []
+    for second in range(400_000):
+        crossings.tick(float(second), closed)
+        seen.append(closed[0])
+    lasted = np.diff(np.flatnonzero(np.diff(np.array(seen, int))))
+    assert not seen[0] and np.median(lasted[::2]) == 10
+    assert np.mean(seen) == pytest.approx(10.0 / 130.0, rel=0.05)
 
 
 def test_chargers_together_keep_to_the_limit_of_the_site(simulated):
@@ -175,6 +188,25 @@ def test_operations_are_kept_with_a_site(tmp_path):
         file.write_text(wrong)
         with pytest.raises(SiteError):
             load_site(tmp_path)
+
+
+def test_what_has_no_effect_in_a_site_is_an_error_that_names_its_key(tmp_path):
+    (file := tmp_path / "site.toml").write_text("")
+    pick = '[[place]]\nid = "p"\nkind = "pick"\nx = 0.0\ny = 0.0\n'
+    zone = "[[zone]]\npolygon = [[0, 0], [4, 0], [4, 4]]\n"
+    for idle, key in (
+        (f"{pick}swap = 60.0", "place[0].swap"),
+        (f"{pick}power = 60.0", "place[0].power"),
+        (f"{pick.replace('pick', 'charge')}swap = 60.0\npower = 60.0", "place[0].power"),
+        (f"{zone}closed_for = 5.0", "zone[0].closed_for"),
+        ('[[break]]\nfrom = "06:20"\nuntil = "06:20"', "break[0].until"),
+    ):
+        file.write_text(idle)
+        with pytest.raises(SiteError) as error:
+            load_site(file)
+        assert key in str(error.value) and "site.toml" in str(error.value)
+    file.write_text(f"{zone}closed_every = 60.0")
+    assert load_site(file)[0].zones[0].closed_for == 10.0
 
 
 def test_a_break_may_last_past_midnight():

@@ -95,8 +95,7 @@ def lines(d: Diagnosis) -> list[str]:
         out += [f"  {f.term} ({f.channel}): {f.statement}.", f"    What to do: {advice(f)}."]
         out += [f"    {more}"] if (more := onward(f)) else []
     out += [_channel(c, c.name in v.unexplained) for c in v.channels]
-    room = max(MOST_LINES - len(out), 0)
-    return [*out, *(f"  note: {n}" for n in v.notes[:room])]
+    return [*out, *(f"  note: {n}" for n in v.notes[: max(MOST_LINES - len(out), 0)])]
 
 
 def _channel(c: ChannelFit, unexplained: bool) -> str:

@@ -47,8 +47,7 @@ def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> boo
         return False
     first, deviation = h.physics.parameters[0], joint.model.fields[h.term]
     value, weight = field_values(first, deviation), problem.channel.passes(h.physics) * deviation**2
-    beyond = weight[(value <= first.low) | (value >= first.high)].sum()
-    return bool(beyond > BY_CHANCE * weight.sum())
+    return bool(weight[(value <= first.low) | (value >= first.high)].sum() > BY_CHANCE * weight.sum())
 
 
 def pruned(problem: Problem, found: Search) -> Search:

@@ -59,8 +59,7 @@ class Reconstruction:
     def likeliest(self) -> Motion:
         """The motion without the spread of its accelerations: what power costs less on it is what sampling
         hides, no noise that averages out."""
-        mean = np.where(self.standing, 0.0, self.states.mean[self.node, 2])
-        return self.motion.replaced(acceleration=mean)
+        return self.motion.replaced(acceleration=np.where(self.standing, 0.0, self.states.mean[self.node, 2]))
 
     def window_variance(self, power: Callable[[Motion], Floats], window: Numbers) -> Floats:
         """(W,) variance [J2] of the energy of every window that the doubt about speed and acceleration makes.

@@ -64,9 +64,7 @@ class Rows:
 def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajectory:
     """The trajectory without a speed that import derived from positions, as it says nothing beside them."""
     derived = meta.get("summary", {}).get("derived_by_vehicle", {}).get(trajectory.vehicle_id, ())
-    if "speed" not in derived or not trajectory.has("x"):
-        return trajectory
-    return trajectory.without("speed")
+    return trajectory.without("speed") if "speed" in derived and trajectory.has("x") else trajectory
 
 
 def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> Rows:

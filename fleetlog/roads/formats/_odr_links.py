@@ -35,7 +35,7 @@ def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> l
                 nodes |= dict.fromkeys(nx.node_connected_component(touching, spot), spot)
     tally.edges = [replace(lane, start=nodes[lane.start], end=nodes[lane.end]) for lane in lanes]
     turns = [(lane.id, f) for lane in lanes for end in touching[lane.end] for f in entering[end]]
-    tally.note(len(lanes) - len({a for a, _ in turns}), "lanes end with no lane to follow")
+    tally.note(len(lanes) - len({a for a, _ in turns}), "lane", "with no lane to follow at the end")
     return turns
 
 
@@ -55,8 +55,8 @@ def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) ->
     # a junction lists the links of the roads that it meets in their stead
     unanswered = (b for a, b in said.edges if not said.has_edge(b, a))
     one = sum(not _at_junction(roads[spot.road], spot) for spot in unanswered)
-    tally.note(one, "lane links are given in one direction only; they are taken to hold in both")
-    tally.note(odd, "links name roads or lanes that do not exist and are left out")
+    tally.note(one, "lane link", "given in one direction only, taken to hold in both")
+    tally.note(odd, "link", "left out, to roads or lanes that do not exist")
     touching: nx.Graph[Any] = said.to_undirected()
     # Sections too short to be edges are passed through.
     short = ((r, k, s) for r in roads.values() for k, s in enumerate(r.sections) if s.end - s.start < MICRO)

@@ -14,6 +14,7 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, LoadReport
 from fleetlog.core.schema import shown
 from fleetlog.core.site import Inverse, MapFrame, Place, PlaceKind
+from fleetlog.core.words import count
 from fleetlog.errors import SiteError
 
 MPH, KNOT, KMH = 0.44704, 1852.0 / 3600.0, 1.0 / 3.6
@@ -74,10 +75,10 @@ class Tally:
     idle: int = 0  # stations where nothing is done
     vertices: int = 0
 
-    def note(self, number: int, what: str) -> None:
-        """Say of how many things ``what`` is so, if of any."""
+    def note(self, number: int, noun: str, what: str) -> None:
+        """Say of how many things called ``noun`` ``what`` is so, if of any."""
         if number:
-            self.notes.append(f"{number} {what}")
+            self.notes.append(f"{count(number, noun)} {what}")
 
     @property
     def read(self) -> int:
@@ -112,8 +113,9 @@ class Tally:
     def road_map(self, name: str, nothing: str, do: str, **more: Any) -> RoadMap:
         """What was read; :class:`SiteError` that says so and what to ``do`` where that is no edge."""
         if not self.edges:
-            raise SiteError(nothing, do=do)
-        self.note(self.idle, "stations are left out: no action says what is done there")
+            why = ", ".join(f"{n} {reason}" for reason, n in self.dropped.items())
+            raise SiteError(nothing + (f" ({why})" if why else ""), do=do)
+        self.note(self.idle, "station", "left out: no action says what is done there")
         report = LoadReport(name, self.read, self.kept, dict(sorted(self.dropped.items())), tuple(self.notes))
         return RoadMap(self.edges, report, places=tuple(self.places.values()), **more)
 

@@ -29,22 +29,20 @@ TRUTH = {None: False, False: False, True: True, "no": False, "yes": True, "false
 def _read(path: Path, options: MapOptions) -> RoadMap:
     tally, raw = Tally(), _document(path)
     oneway = _add_roads(raw, tally)
-    why = ", ".join(f"{count} {reason}" for reason, count in tally.dropped.items())
-    nothing = f"no road in it: {len(raw)} features" + (f" ({why})" if why else "")
     lines, tally.edges = tally.edges, []
     flat = sum(not np.isfinite(road.points[:, 2]).all() for road in lines)
     nameless = sum(not (road.start and road.end) for road in lines)
     if 0 < flat < len(lines):
-        tally.notes.append(f"{flat} of {len(lines)} roads have no heights, so no height is used")
+        tally.notes.append(f"no heights on {flat} of {len(lines)} roads, so no height is used")
     if 0 < nameless < len(lines):
-        what = "name no nodes; theirs are found by coinciding ends"
-        tally.notes.append(f"{nameless} of {len(lines)} roads {what}")
+        tally.notes.append(f"no nodes named by {nameless} of {len(lines)} roads: coinciding ends are joined")
     for line in _join_lines(lines, nameless == len(lines), tally) if nameless else lines:
         if flat:
             line.points[:, 2] = 0.0
         edge = replace(line, road=line.id)
         tally.edges += [edge] if line.road in oneway else [edge, reversed_edge(edge)]
     do = "give roads as LineStrings with an id"
+    nothing = f"no road in it; features read: {len(raw)}"
     return tally.road_map("GeoJSON", nothing, do, geographic=True, has_elevation=not flat)
 
 
@@ -92,10 +90,10 @@ def _add_roads(raw: list[Any], tally: Tally) -> set[str]:
                 if isinstance(key, list | dict) or key not in TRUTH:
                     raise SiteError(f"oneway is {said!r}", do="write true or false")
                 oneway |= {road} if TRUTH[key] else set()
-    tally.note(unnamed, "roads have no id and are numbered by their place in the file")
-    for key, count in sorted(unread.items()):
+    tally.note(unnamed, "road", "without an id, numbered by the place in the file")
+    for key, n in sorted(unread.items()):
         if close := difflib.get_close_matches(key.lower(), KNOWN, n=1, cutoff=0.75):
-            tally.notes.append(f"property {key!r} of {count} roads is not read; did you mean {close[0]!r}?")
+            tally.note(n, "road", f"with an unread property {key!r}; did you mean {close[0]!r}?")
     return oneway
 
 
@@ -139,8 +137,7 @@ def _join_lines(lines: list[Edge], split: bool, tally: Tally) -> Iterator[Edge]:
         for n, ((a, b), (start, end)) in enumerate(zip(pairwise(bounds), pairwise(nodes), strict=True)):
             name = f"{line.id}:{n}" if len(bounds) > 2 else line.id
             yield replace(line, id=name, points=line.points[a : b + 1], start=start, end=end)
-    where = "where a vertex of another road lies on one of theirs"
-    tally.note(divided, f"roads are split, as ID:0, ID:1 ..., {where}")
+    tally.note(divided, "road", "split, as ID:0, ID:1 ..., where a vertex of another road lies on a vertex")
 
 
 def _places(points: Floats, owner: Indices, first: Ints) -> Ints:

@@ -64,7 +64,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     except ProjError:
         raise SiteError(f"crs {crs!r} is not known", place="graph", do="save it in epsg:4326") from None
     return tally.road_map(
-        "GraphML, directed", f"no road in it: {tally.read} edges", "save a street network with OSMnx",
+        "GraphML, directed", f"no road in it; edges read: {tally.read}", "save a street network with OSMnx",
         geographic=degrees, geographic_of=None if degrees else partial(geographic, crs),
         has_elevation=heights,
     )  # fmt: skip

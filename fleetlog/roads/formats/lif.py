@@ -65,7 +65,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
         actions = {str(action.get("actionType")) for p, key in said for action in _list(p, key)}
         kind = next((kind for action, kind in KINDS if action in actions), None)
         tally.stop(str(station.get("stationId")), kind, spots[served[0]] if served else np.zeros(2))
-    nothing, do = f"no road in it: {tally.read} edges", "export the layout with its edges"
+    nothing, do = f"no road in it; edges read: {tally.read}", "export the layout with its edges"
     # Turning round on the spot is left out wherever another edge leads on.
     leaving = defaultdict[str, list[Edge]](list)
     for edge in tally.edges:

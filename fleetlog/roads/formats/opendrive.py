@@ -16,6 +16,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, reverse_id
 from fleetlog.core.site import Inverse, MapFrame, geographic
+from fleetlog.core.words import count
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats._odr_geometry import sample
@@ -45,19 +46,18 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
             road = parse_road(element)
         if road and roads.setdefault(road.id, road) is not road:
             raise SiteError(f"two roads have the id {road.id!r}", place=f"line {element.sourceline}")
-    tally.note(len(elements) - len(roads), "roads have no geometry or no lanes and are left out")
+    tally.note(len(elements) - len(roads), "road", "left out, without geometry or lanes")
     if root.find(".//include") is not None:
         tally.notes.append("included files are not read")
     _add_lanes(roads, options, tally)
     allowed = connect(roads, root.findall("junction"), tally)
     rules = [road.rule for road in roads.values() if road.rule]
-    kinds = ", ".join(f"{n} {why}" for why, n in tally.dropped.items())
-    nothing = f"no driven lane in {tally.read} lanes" + (f" ({kinds})" if kinds else "")
+    nothing = f"no driven lane in it; lanes read: {tally.read}"
     do = "name the driven types as lane_types under [network] in a site.toml"
     return tally.road_map(
-        f"OpenDRIVE {version} ({len(roads)} roads, counted lane by lane)", nothing, do, turns=allowed,
+        f"OpenDRIVE {version} ({count(len(roads), 'road')}, counted lane by lane)", nothing, do,
         traffic=("left" if 2 * rules.count("LHT") > len(rules) else "right") if rules else None,
-        geographic_of=_earth(root, tally.notes),
+        turns=allowed, geographic_of=_earth(root, tally.notes),
         has_elevation=any(len(road.elevation.starts) for road in roads.values()),
     )  # fmt: skip
 
@@ -75,10 +75,9 @@ def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> Non
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))
         tally.notes.append(f"length of the lanes that are left out, by type: {parts}")
-    against = sum(road.rule not in (None, default) for road in roads.values())
-    if options.traffic and against:
-        what = f"a rule of their own that differs from traffic = {options.traffic!r}; it holds there"
-        tally.notes.append(f"{against} roads have {what}")
+    if options.traffic:
+        against = sum(road.rule not in (None, default) for road in roads.values())
+        tally.note(against, "road", f"of another rule than traffic = {options.traffic!r}, which holds there")
 
 
 def _lane_edges(

@@ -49,7 +49,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     parts = {name: _edges(name, chain, tags, uses, spots) for name, chain, tags in ways}
     tally.edges += [edge for name, _, _ in ways for edge in parts[name]]
     forbidden = _forbidden(root, parts, tally)
-    nothing = f"no driven road in {tally.read} ways with a highway tag"
+    nothing = f"no driven road in it; ways with a highway tag: {tally.read}"
     do = "name the driven classes as road_classes under [network] in a site.toml"
     return tally.road_map("OSM XML", nothing, do, geographic=True, forbidden=forbidden, has_elevation=False)
 
@@ -77,7 +77,7 @@ def _ways(root: Element, driven: frozenset[str], spots: Spots, tally: Tally) -> 
             tally.dropped[reason] += 1
         else:
             out.append((str(element.get("id")), chain, tags))
-    tally.note(cut, "ways name nodes that are not in the file; they are drawn through those that are")
+    tally.note(cut, "way", "over nodes that are not in the file, drawn through those that are")
     return out
 
 
@@ -127,7 +127,7 @@ def _forbidden(root: Element, parts: dict[str, list[Edge]], tally: Tally) -> fro
             # Without the way that it leads to (beyond the extract) the rule would close the road.
             onward = leaving[str(node)] - onward if onward else set()
         out |= {(a, b) for a in incoming for b in onward}
-    tally.note(unread, "turn restrictions that lead over ways are not read")
+    tally.note(unread, "turn restriction", "over ways not read")
     return frozenset(out)
 
 

@@ -40,7 +40,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     known = {e.id for e in tally.edges}
     named = ((str(c.get("from")), str(c.get("to"))) for c in net.iterfind("connection"))
     return tally.road_map(
-        "SUMO", f"no road in it: {tally.read} edges", "build it with roads for vehicles",
+        "SUMO", f"no road in it; edges read: {tally.read}", "build it with roads for vehicles",
         geographic_of=_earth(net.find("location"), tally.notes),
         turns=[turn for turn in named if known.issuperset(turn)] or None,
         has_elevation=any(np.ptp(e.points[:, 2]) > 0.0 for e in tally.edges),
