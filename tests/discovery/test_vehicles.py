@@ -1,0 +1,130 @@
+"""Vehicles and logs that are not those of a forklift at the door: twelve times as large, without forks, in hills."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import fleetlog
+from fleetlog.core.network import build_network
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.truck import Truck, load_truck
+from fleetlog.discovery.channels.energy import EnergyChannel
+from fleetlog.discovery.diagnose import Diagnosis, diagnose
+from fleetlog.discovery.report.finding import Errors
+from fleetlog.physics.model import save_physics
+from fleetlog.physics.power import Physics
+from fleetlog.store import Dataset
+
+SAMPLE = Path(__file__).parents[2] / "sample_data"
+TRUCK = load_truck(SAMPLE / "truck.toml")
+TIMES = 12.0
+LARGE = ("chassis.mass", "chassis.rated_load", "auxiliary.power", "resistance.drag_area", "drive.max_power")
+
+
+@dataclass(frozen=True)
+class Changed:
+    """A dataset as it looks when every trajectory is changed."""
+
+    dataset: Dataset
+    change: Callable[[Trajectory], Trajectory]
+    site: object
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.dataset, name)
+
+    def here(self) -> Changed:
+        return self
+
+    def read(self, *what: object) -> Trajectory:
+        return self.change(self.dataset.read(*what))  # type: ignore[arg-type]
+
+
+def driven(folder: Path, site: str, physics: dict[str, dict[str, float]], rate: float = 2.0) -> Dataset:
+    save_physics(folder, Physics(TRUCK, physics))
+    fleetlog.simulate(
+        site=SAMPLE / site, truck=SAMPLE / "truck.toml", vehicles=3, duration="1h", seed=4, rate=rate,
+        physics=folder / "model.toml", recording=False, output=folder / "day",
+    )  # fmt: skip
+    return Dataset(folder / "day")
+
+
+def power(dataset: object, truck: Truck = TRUCK) -> Diagnosis:
+    return diagnose(dataset, truck, channels=("battery_power",))  # type: ignore[arg-type]
+
+
+def test_a_vehicle_twelve_times_as_large_is_diagnosed_alike(tmp_path: Path) -> None:
+    """All forces and powers times twelve: the same physics is missing, twelve times as much of it."""
+    day = driven(tmp_path, "site.toml", {"auxiliary_load": {"power": 800.0}})
+    large = TRUCK
+    for key in LARGE:
+        large = large.with_value(key, TIMES * TRUCK.value(key))
+    large = replace(large, lift=replace(large.lift, carriage_mass=TIMES * large.lift.carriage_mass))
+
+    def larger(t: Trajectory) -> Trajectory:
+        return t.with_columns(
+            battery_power=TIMES * t.floats("battery_power"), payload=TIMES * t.floats("payload")
+        )
+
+    one, twelve = power(day), power(Changed(day, larger, day.site), large)
+    assert [f.term for f in one.verdict.findings] == ["auxiliary_load"]
+    assert [f.term for f in twelve.verdict.findings] == ["auxiliary_load"]
+    values = [d.verdict.findings[0].parameters[0].value for d in (one, twelve)]
+    assert values[1] == pytest.approx(TIMES * values[0], rel=0.02)
+    assert values[0] == pytest.approx(800.0, rel=0.03)
+
+
+def test_a_load_that_goes_out_as_soon_as_the_truck_stands_is_named(tmp_path: Path) -> None:
+    found = power(driven(tmp_path, "site.toml", {"enabled_load": {"power": 400.0, "hold": 0.0}})).verdict
+    assert [f.term for f in found.findings] == ["enabled_load"]
+    value, hold = (p.value for p in found.findings[0].parameters[:2])
+    assert value == pytest.approx(400.0, rel=0.1)
+    assert hold < 2.2
+
+
+def test_heights_that_the_log_shows_leave_no_slope_to_find(tmp_path: Path) -> None:
+    """Heights drift by 0.2 m, as those of a receiver; the map is flat. What is missing is drag."""
+    day = driven(tmp_path, "site_3d.toml", {"viscous_drag": {"coefficient": 120.0}})
+    assert np.ptp(day.read(day.vehicles[0]).floats("z")) > 0.5
+    roads = day.site.roads()
+    flat = replace(day.site, network=build_network(roads.edges(), has_elevation=False))
+    rng = np.random.default_rng(2)
+
+    def drifting(t: Trajectory) -> Trajectory:
+        drift = np.convolve(rng.normal(size=len(t) + 59), np.ones(60), "valid") / np.sqrt(60.0)
+        return t.with_columns(z=t.floats("z") + 0.2 * drift)
+
+    found = power(Changed(day, drifting, flat)).verdict
+    assert "grade" not in [f.term for f in found.findings]
+    assert {f.term for f in found.findings} & {"viscous_drag", "rolling_resistance", "aerodynamic_drag"}
+
+
+@pytest.mark.parametrize(
+    "lifts, step, usable", [(0.0, 0.0, 1.0), (0.0, 2500.0, 1.0), (0.3, 0.0, 0.7), (0.3, 2500.0, 0.7)]
+)
+def test_standstills_count_where_nothing_lifts(lifts: float, step: float, usable: float) -> None:
+    """Without fork heights: pulses over the usual power are lifts, a new usual power is none."""
+    rng = np.random.default_rng(1)
+    count = 400
+    rate = 3800.0 + 40.0 * rng.normal(size=count) + step * (np.arange(count) > 220)
+    rate += np.where(rng.random(count) < lifts, 3000.0, 0.0)
+    chassis = SimpleNamespace(rated_load=2000.0)
+    fleet = SimpleNamespace(truck=SimpleNamespace(chassis=chassis), has=lambda _: False)
+    channel = SimpleNamespace(fleet=fleet, measured=False)
+    cut = SimpleNamespace(
+        count=count, motion=SimpleNamespace(speed=np.zeros(count)), energy=lambda watts: watts * 1e-2
+    )
+    seen = EnergyChannel._seen_lifts(channel, cut, np.full(count, 10.0), rate * 1e-2)  # type: ignore[arg-type]
+    assert seen.mean() == pytest.approx(usable, abs=0.06)
+
+
+def test_what_unseen_trips_speak_against_is_refuted_and_what_they_cannot_tell_is_not() -> None:
+    assert Errors("", 0.15, 0.27, 0.99).refuted
+    assert not Errors("", 0.39, 0.43, 0.01).refuted
+    assert not Errors("", 0.15, 0.12, 0.3).refuted
+    assert not Errors("", None, None, None).refuted
