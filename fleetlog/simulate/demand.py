@@ -106,7 +106,8 @@ def like(
     turns = recorded_turns(dataset, site.roads())
     site = replace(site, network=with_turns(site.roads(), turns))
     kinds = ", ".join(f"{n} {k}" for k, n in table.kind.value_counts().items())
-    notes = [f"{len(table)} places found from {len(stands)} recorded stops ({kinds})"]
+    found, stops = count(len(table), "place"), count(len(stands), "recorded stop")
+    notes = [f"{found} found from {stops} ({kinds})"]
     if turns:
         notes.append(f"trucks turn round at the end of {count(len(turns), 'lane')}, as recorded")
     told = sum(bool(np.isfinite(dataset.read(v).floats("payload")).any()) for v in dataset.vehicles)

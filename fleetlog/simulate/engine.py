@@ -7,6 +7,7 @@ import numpy as np
 
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
+from fleetlog.core.words import count
 from fleetlog.errors import DataError, SiteError
 from fleetlog.listening import progress
 from fleetlog.physics.battery import BatteryModel
@@ -88,7 +89,7 @@ def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
         source, target = left_out[0].source, left_out[0].target
         what = f"place {target!r} cannot be reached from {source!r} and back, nor any place of another task"
         raise SiteError(what, do="check one-way roads and turns of the map")
-    note = f"{len(left_out)} tasks from or to places that were left out are dropped"
+    note = f"dropped, from or to places that were left out: {count(len(left_out), 'task')}"
     return replace(demand, given=doable, left_out=left_out), [note]
 
 
