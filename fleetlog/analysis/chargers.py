@@ -128,11 +128,7 @@ def _check_bars(check: dict[str, Any]) -> list[Shape]:
     charge = {f"{what}, {n}": 100.0 * run[key] for what, key in soc.items() for n, run in runs.items()}
     waiting = {n: run["waiting_for_plug_h"] for n, run in runs.items()}
     done = {n: 100.0 * run["tasks_done"] / max(run["tasks_given"], 1) for n, run in runs.items()}
-    return [
-        Bars(f"simulated_{name}", tuple(values), np.array([*values.values()]), axis)
-        for name, values, axis in (
-            ("state_of_charge", charge, "state of charge [%]"),
-            ("waiting_for_a_plug", waiting, "truck hours"),
-            ("tasks_done", done, "share of the tasks [%]"),
-        )
-    ]
+    names = "state_of_charge", "waiting_for_a_plug", "tasks_done"
+    axes = "state of charge [%]", "truck hours", "share of the tasks [%]"
+    bars = zip(names, (charge, waiting, done), axes, strict=True)
+    return [Bars(f"simulated_{name}", tuple(v), np.array([*v.values()]), axis) for name, v, axis in bars]

@@ -60,8 +60,7 @@ def density(
     watched = Watched(tuple(dataset.vehicles), first, last + 1, rule.step, int(gap[gap > SILENCE].sum()))
     parts = list(_hours(dataset, watched))
     pieces = list(each_part(dataset, parts, find_crowds, rule, kinds=(Crowds,), cost=ROW_COST))
-    clusters = together(pieces, watched.vehicles)
-    if not clusters.seen:
+    if not (clusters := together(pieces, watched.vehicles)).seen:
         what = "no row of the dataset is matched to a road"
         raise DataError(what, do="check that log and map belong together")
     episode, found = episodes(clusters, speed, rule.step, max(1, round(min_duration / watched.seconds)))

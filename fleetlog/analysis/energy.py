@@ -158,8 +158,7 @@ def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> Iterator[Shape]:
     middle, axes = keys * width + width // 2, ("time", "power [kW]")
     rows = {cause(t): mean(f"J_{t}") for t in terms}
     yield Series("power by cause", middle, rows, *axes, over_time=True, stacked=True)
-    known = mean("known") > 0.0
-    if known.any():
+    if (known := mean("known") > 0.0).any():
         # The model of the trucks and times that were measured, and of no others.
         pair = {"measured": mean("measured"), "model": mean("beside_measured")}
         both = {name: np.where(known, v, np.nan) for name, v in pair.items()}

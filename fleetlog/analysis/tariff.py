@@ -60,8 +60,7 @@ def load_tariff(path: str | Path) -> Tariff:
 def costs(used: pd.Series, charged: pd.Series, local: pd.Series, tariff: Tariff) -> tuple[Floats, Floats]:
     """(N,) cost, kg of CO2 of energy used (kWh), at the mean price of charging, else of the hour of use."""
     price, co2 = tariff.at(local)
-    weight = charged.fillna(0.0).to_numpy(float)
-    if weight.sum() > 0.0:
+    if (weight := charged.fillna(0.0).to_numpy(float)).sum() > 0.0:
         price, co2 = (np.full(len(used), weight @ v / weight.sum()) for v in (price, co2))
     energy = used.to_numpy(float)
     return energy * price, energy * co2

@@ -174,8 +174,7 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
     """The energy [Wh] of every window of a recording in which power was measured. The deviation is that of
     the windows' residuals about the nominal model (robust, after the best common factor), widened for
     disagreement that outlasts a window, so that correlated windows do not count as independent."""
-    known = np.isfinite(motion.power) & (motion.dt > 0.0)
-    if not known.any():
+    if not (known := np.isfinite(motion.power) & (motion.dt > 0.0)).any():
         do = "calibrate needs one of them"
         raise DataError("the recording has neither power nor voltage and current", do=do)
     motion = motion[known]

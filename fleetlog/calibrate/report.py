@@ -16,8 +16,7 @@ def blind_line(blind: Blind) -> str:
     held, need = blind.held.words, f"add {blind.held.run}"
     if not blind.companions:
         return f"These runs show {'too little' if blind.weak else 'nothing'} of {held}: {need}."
-    names = listed([u.words for u, _ in blind.companions])
-    return f"These runs cannot tell {held} from {names}: {need}."
+    return f"These runs cannot tell {held} from {listed([u.words for u, _ in blind.companions])}: {need}."
 
 
 def combination_words(combination: Combination) -> str:
@@ -70,11 +69,9 @@ def lines(fit: Fit) -> list[str]:
 def summary(fit: Fit) -> dict[str, Any]:
     """JSON-ready; ``value`` and its interval are null for a number that the runs do not carry."""
     seen = fit.observed
-    columns = {
-        "run": seen.labels, "measured": seen.measured, "sigma": seen.sigma,
-        "before": fit.before, "after": fit.after,
-    }  # fmt: skip
-    runs = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    names = "run", "measured", "sigma", "before", "after"
+    rows = zip(seen.labels, seen.measured, seen.sigma, fit.before, fit.after, strict=True)
+    runs = [dict(zip(names, row, strict=True)) for row in rows]
     keys, carried = [e.unknown.key for e in fit.estimates], ("value", "low", "high")
     return {
         "format_version": 1, "confidence": CONFIDENCE,

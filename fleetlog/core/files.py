@@ -30,8 +30,7 @@ def open_regular(path: Path, error: type[InputError] = InputError) -> BinaryIO:
 
 def read_whole(path: Path, limit: int = WHOLE, error: type[InputError] = InputError) -> bytes:
     """All bytes of a regular file of at most ``limit`` bytes, unpacked where it is packed with gzip."""
-    data = read_head(path, limit + 1, error)
-    if len(data) > limit:
+    if len(data := read_head(path, limit + 1, error)) > limit:
         raise error(f"is larger than {limit >> 20} MB", where=path, do="cut it to what is needed")
     return data
 

@@ -159,8 +159,7 @@ def rows(
     error: Errors = InputError,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """The checked tables of the list [[name]]; none where it is absent."""
-    given = data.get(name, [])
-    if not isinstance(given, list):
+    if not isinstance(given := data.get(name, []), list):
         raise error("is not a list of tables", where=where, place=name, do=f"write [[{name}]]")
     return [table(row, keys, where, f"{name}[{n}]", required, error) for n, row in enumerate(given)]
 

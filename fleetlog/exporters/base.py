@@ -157,5 +157,4 @@ def iso_times(time: Ints) -> list[str]:
 
 def cells(trajectory: Trajectory, names: Sequence[str]) -> list[list[Any]]:
     """The columns called ``names`` as Python lists, None for null."""
-    table = to_arrow(trajectory)
-    return [table.column(name).to_pylist() for name in names]
+    return [column.to_pylist() for column in to_arrow(trajectory).select(names).columns]

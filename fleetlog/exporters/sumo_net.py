@@ -39,8 +39,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
         origin = f"+lat_0={frame.latitude!r} +lon_0={frame.longitude!r}"
         projection = f"+proj=aeqd {origin} +ellps=WGS84 +units=m +no_defs"
     local = {"netOffset": "0.00,0.00", "convBoundary": f"{x0:.2f},{y0:.2f},{x1:.2f},{y1:.2f}"}
-    location = {**local, "origBoundary": geographic, "projParameter": projection}
-    etree.SubElement(net, "location", location)
+    etree.SubElement(net, "location", {**local, "origBoundary": geographic, "projParameter": projection})
     links: dict[int, list[Connection]] = defaultdict(list)
     for i, name in enumerate(edges):
         ends = {"id": name, "from": nodes[n.start[i]], "to": nodes[n.end[i]]}

@@ -134,8 +134,7 @@ def with_places(site: Site, dataset: Dataset, min_visits: int) -> tuple[Site, pd
 def slow_zones(network: Network) -> tuple[Zone, ...]:
     """Where roads that meet are all driven slowly: their outline, with the highest speed driven in it. An
     outline that a faster road enters would slow that one down: it is left out."""
-    known = np.isfinite(network.speed_limit)
-    if not known.any():
+    if not (known := np.isfinite(network.speed_limit)).any():
         return ()
     usual = float(np.average(network.speed_limit[known], weights=network.length[known]))
     slow = known & (network.speed_limit < SLOW * usual)
@@ -143,8 +142,7 @@ def slow_zones(network: Network) -> tuple[Zone, ...]:
     _, group = connected_components(meet, directed=False)
     names = np.unique(group[network.start[slow]])
     found = (_zone(network, slow & (group[network.start] == name)) for name in names)
-    zones = (zone for zone in found if zone is not None)
-    return tuple(replace(zone, id=f"slow-{k}") for k, zone in enumerate(zones, 1))
+    return tuple(replace(zone, id=f"slow-{k}") for k, zone in enumerate(filter(None, found), 1))
 
 
 def _zone(network: Network, mine: Mask) -> Zone | None:
@@ -154,8 +152,7 @@ def _zone(network: Network, mine: Mask) -> Zone | None:
     points = network.points[owner, :2]
     around = np.array([[-RIM, -RIM], [-RIM, RIM], [RIM, -RIM], [RIM, RIM]])
     rim = (points[:, None] + around[None]).reshape(-1, 2)
-    hull = ConvexHull(rim)
-    if hull.volume > OPEN * 2.0 * RIM * float(network.length[mine].sum()):
+    if (hull := ConvexHull(rim)).volume > OPEN * 2.0 * RIM * float(network.length[mine].sum()):
         return None
     zone = Zone("", rim[hull.vertices], float(np.ceil(network.speed_limit[mine].max() * 10) / 10))
     others = network.points[~owner, :2]

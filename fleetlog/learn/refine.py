@@ -173,10 +173,7 @@ def _node(arms: list[Floats]) -> Floats:
     if len(arms) == 2:
         return old
     matrix, value = PULL * np.eye(2), PULL * old
-    for arm in arms:
-        if (line := _entry(arm)) is None:
-            continue
-        point, direction = line
+    for point, direction in filter(None, map(_entry, arms)):
         across = np.eye(2) - np.outer(direction, direction)
         matrix, value = matrix + across, value + across @ point
     step = np.linalg.solve(matrix, value) - old
@@ -187,8 +184,7 @@ def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
     """Point and direction of an arm clear of its junction; None where it is too short."""
     s = way(arm)
     clear = min(CLEAR, 0.3 * s[-1])
-    piece = arm[(s >= clear) & (s <= clear + TANGENT)]
-    if len(piece) < 3:
+    if len(piece := arm[(s >= clear) & (s <= clear + TANGENT)]) < 3:
         return None
     middle = piece.mean(axis=0)
     _, _, axes = np.linalg.svd(piece - middle)

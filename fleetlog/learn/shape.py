@@ -163,8 +163,7 @@ def _turning(arms: list[tuple[int, bool]], turns: Counter[tuple[int, int]]) -> l
     links.add_nodes_from(mine)
     links.add_edges_from((a, b) for (a, b), n in here.items() if n >= SPURIOUS * min(busy[a], busy[b]))
     groups = sorted(nx.connected_components(links), key=lambda group: len(group) == 1)
-    pairs = [g for g in groups if len(g) > 1]
-    if len(pairs) < 2:
+    if len(pairs := [g for g in groups if len(g) > 1]) < 2:
         return [arms]
     pairs[0] = pairs[0].union(*groups[len(pairs) :])
     return [[(end // 2, end % 2 == 0) for end in sorted(g)] for g in pairs]

@@ -42,10 +42,8 @@ class BatteryModel:
 
     def __post_init__(self) -> None:
         if self.resistance > 0.0 and self.peukert != 1.0:
-            raise TruckError(
-                "the battery has a resistance and a Peukert exponent, which describe the same loss",
-                do="set one of them to 0 or 1",
-            )
+            what = "the battery has a resistance and a Peukert exponent, which describe the same loss"
+            raise TruckError(what, do="set one of them to 0 or 1")
 
 
 # Volts per nominal volt over state of charge; estimates typical of the chemistry.

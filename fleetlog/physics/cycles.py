@@ -32,8 +32,7 @@ class Piece:
 
 def legs(pieces: list[Piece], payload: float = 0.0, grade: float = 0.0, dt: float = 0.1) -> Motion:
     """The pieces as one motion with ``payload`` [kg] on a road of slope ``grade`` (tan theta)."""
-    pieces = [p for p in pieces if p.duration > 0.0]
-    if not pieces:
+    if not (pieces := [p for p in pieces if p.duration > 0.0]):
         return Motion.of(0)
     duration, speed, acceleration, lift_speed = np.array([astuple(p) for p in pieces]).T
     count = np.maximum(np.ceil(duration / dt), 1.0).astype(int)

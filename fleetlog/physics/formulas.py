@@ -60,9 +60,8 @@ def wind(motion: Motion, truck: Truck, values: Values) -> Floats:
 
     w = (``wind_east``, ``wind_north``) is where the air goes [m/s], h the unit vector of the motion.  Cross
     wind is left out: it pushes sideways.  Added to the drag in still air this is the drag in wind."""
-    along = values.get("wind_east", 0.0) * np.cos(motion.heading)
-    along = along + values.get("wind_north", 0.0) * np.sin(motion.heading)
-    u = motion.speed - along
+    east, north = values.get("wind_east", 0.0), values.get("wind_north", 0.0)
+    u = motion.speed - (east * np.cos(motion.heading) + north * np.sin(motion.heading))
     return 0.5 * AIR_DENSITY * truck.resistance.drag_area * (u * np.abs(u) - motion.speed**2)
 
 

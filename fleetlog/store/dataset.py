@@ -160,9 +160,7 @@ class Dataset:
         rest: list[Trajectory] = []
         for batch in _pieces(self.parts(vehicle, date), vehicle, columns, rows):
             piece = concatenate([*rest, batch])
-            begins = np.flatnonzero(np.diff(piece.trip_ids()))
-            cut = int(begins[-1]) + 1 if len(begins) else 0
-            if cut:
+            if cut := int(np.max(np.flatnonzero(np.diff(piece.trip_ids())) + 1, initial=0)):
                 yield piece[:cut]
             rest = [piece[cut:]]
         yield from rest
@@ -200,8 +198,7 @@ def _pieces(
     for file in files:
         row = 1
         for piece in _of(file, vehicle, columns, rows):
-            late = np.diff(piece.time, prepend=before) <= 0
-            if late.any():
+            if (late := np.diff(piece.time, prepend=before) <= 0).any():
                 what, do = "a row is not later than the one before it", f"sort by timestamp, or {REMAKE}"
                 raise InputError(what, where=file, place=f"row {row + int(late.argmax())}", do=do)
             before, row = max(before, *piece.time[-1:].tolist()), row + len(piece)

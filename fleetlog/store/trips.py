@@ -109,8 +109,7 @@ def trips_of(pieces: Sequence[Columns]) -> pd.DataFrame:
     a piece lacks its trip lacks."""
     import pandas as pd
 
-    pieces = [p for p in pieces if p]
-    if not pieces:
+    if not (pieces := [p for p in pieces if p]):
         return pd.DataFrame({"vehicle_id": [], "trip_id": []})
     table = pd.DataFrame({name: np.concatenate([p[name] for p in pieces]) for name in pieces[0]})
     table = table.sort_values(["vehicle_id", "trip_id", "start"], ignore_index=True)

@@ -100,8 +100,7 @@ class DatasetWriter:
 
     def write_together(self, vehicles: Sequence[str], rows: Trajectory) -> None:
         """Append rows of several vehicles, as many of each, one vehicle after the other, as one table."""
-        each = len(rows) // len(vehicles)
-        if not each:
+        if not (each := len(rows) // len(vehicles)):
             return
         pieces = [slice(k * each, (k + 1) * each) for k in range(len(vehicles))]
         for vehicle, piece in zip(vehicles, pieces, strict=True):
@@ -120,8 +119,7 @@ class DatasetWriter:
 
     def _check(self, piece: Trajectory) -> None:
         piece.check()
-        vehicle = piece.vehicle_id
-        if vehicle == HIVE_NULL:
+        if (vehicle := piece.vehicle_id) == HIVE_NULL:
             do = "rename it: readers take it for unknown"
             raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
         if piece.time[0] <= self._last.get(vehicle, -(1 << 62)):

@@ -114,8 +114,7 @@ def totals(days: list[Trajectory]) -> tuple[Ints, dict[str, Floats]]:
 def at_times(other: Trajectory, name: str, time: Any) -> Floats:
     """A column of ``other`` interpolated at ``time``; NaN outside it and in its gaps."""
     values = other.floats(name)
-    known = np.isfinite(values)
-    if known.sum() < 2:
+    if (known := np.isfinite(values)).sum() < 2:
         return np.full(len(time), np.nan)
     t, v = other.time[known], values[known]
     after = np.clip(np.searchsorted(t, time), 1, len(t) - 1)

@@ -124,8 +124,7 @@ class Scale:
 def scale_of(values: Floats, diverging: bool = False) -> Scale:
     """Limits from (or about) 0 to the greatest value, or the 98th (99th) percentile if few exceed it."""
     known = np.asarray(values, dtype=np.float64)
-    known = known[np.isfinite(known)]
-    if not len(known):
+    if not len(known := known[np.isfinite(known)]):
         return Scale(-1.0 if diverging else 0.0, 1.0, diverging)
     if diverging:
         known = np.abs(known)

@@ -145,8 +145,7 @@ def _limited(cost: Floats, share: Floats, candidates: Ints, k: int, forced: Mask
     if cost.size > CAPACITY_CELLS:
         what = f"{m} demand vertices and {n} candidates are too many with a capacity"
         raise DataError(what, do="leave it out")
-    result = _program(cost, k, forced, share, capacity)
-    if result.x is None:
+    if (result := _program(cost, k, forced, share, capacity)).x is None:
         raise DataError("no choice of sites keeps the capacity", do=raise_it)
     on = np.flatnonzero(result.x[:n] > 0.5)
     served = (share[:, None] * result.x[n:].reshape(m, n)).sum(axis=0)[on]

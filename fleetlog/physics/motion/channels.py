@@ -41,8 +41,7 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
     from fleetlog.physics.motion.kernels.way import dead_band
 
     height = trajectory.floats("fork_height")
-    known = np.isfinite(height)
-    if known.sum() < 2:
+    if (known := np.isfinite(height)).sum() < 2:
         return Forks(np.zeros(1), np.zeros(1), np.zeros(max(len(t) - 1, 0)))
     if not known.all():
         height = np.interp(t, t[known], height[known])

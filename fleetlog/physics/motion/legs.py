@@ -86,8 +86,7 @@ class SpeedProfile:
 
 def legs(found: Reconstruction) -> list[Leg]:
     """The legs of one vehicle in order of time, each within one stretch of the log."""
-    m = found.motion
-    if not len(m):
+    if not len(m := found.motion):
         return []
     # Moments of neighbours are no farther apart than both last, but across a silence.
     gap = np.append(False, np.diff(m.time) > m.dt[1:] + m.dt[:-1] + 1e-3)
@@ -117,8 +116,7 @@ def _changes(moving: Mask, gap: Mask) -> Ints:
 def _leg(found: Reconstruction, samples: slice, wait: float, whole: bool) -> Leg | None:
     m = found.motion[samples]
     step = m.speed * m.dt
-    length = float(step.sum())
-    if length < SHORTEST:
+    if (length := float(step.sum())) < SHORTEST:
         return None
     ends = np.append(0.0, np.cumsum(step))
     clock = np.append(m.time[0] - 0.5 * m.dt[0], m.time + 0.5 * m.dt)

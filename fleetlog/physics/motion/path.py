@@ -163,8 +163,7 @@ def track_of(rows: Rows) -> Track:
 
 def _held_heading(vx: Floats, vy: Floats, moves: Mask) -> Floats:
     """Direction of motion, unwrapped; at a standstill that of the last motion, at first that of the next."""
-    moving = np.flatnonzero(moves)
-    if not len(moving):
+    if not len(moving := np.flatnonzero(moves)):
         return np.zeros(len(vx))
     last = np.maximum(np.searchsorted(moving, np.arange(len(vx)), side="right") - 1, 0)
     return np.asarray(np.unwrap(np.arctan2(vy, vx)[moving])[last])
@@ -250,8 +249,7 @@ def _vertices(network: Network, v: Visits) -> tuple[Arcs, Floats, Mask]:
 
 def by_second(t: Floats, seen: Floats, link: Codes) -> Floats:
     """(N,) positions along the path as one mean a second: the errors last so long."""
-    known = np.flatnonzero(np.isfinite(seen))
-    if not len(known):
+    if not len(known := np.flatnonzero(np.isfinite(seen))):
         return seen
     block = np.cumsum(link != 0)[known] * 1e9 + np.floor(t[known] + 1e-6)
     first = np.flatnonzero(np.diff(block, prepend=-1.0))

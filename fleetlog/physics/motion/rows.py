@@ -77,8 +77,7 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
         raise DataError(what, do="map one of them in a profile")
     step = np.diff(t)
     breaks = np.append(True, step > max(SHORTEST_GAP, 5.0 * float(np.median(step)) if len(step) else 0.0))
-    fresh = updates(t, x, y, speed)
-    if not fresh.any():
+    if not (fresh := updates(t, x, y, speed)).any():
         x = y = np.zeros(len(t))
     elif not fresh.all():
         # Between two updates a vehicle moved along the line between them as far as its speed says.
@@ -110,8 +109,7 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Mask:
     long as is usual in this log."""
     fresh = np.isfinite(x) & np.isfinite(y)
     known = np.flatnonzero(fresh)
-    new = elsewhere(x[known], y[known])
-    if new.all():
+    if (new := elsewhere(x[known], y[known])).all():
         return fresh
     run = np.cumsum(new) - 1
     way = metres_driven(t, speed)[known]
@@ -153,8 +151,7 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
     """Whether the speed of a row is the mean since the row before, judged by the ``way`` (N,) seen. Then the
     way between two rows is its speed times the step; else it is the mean of both rows' speeds times the step.
     What decides lies where the truck gathers or sheds speed."""
-    new = np.flatnonzero(rows.fresh & elsewhere(rows.x, rows.y))
-    if not len(new):
+    if not len(new := np.flatnonzero(rows.fresh & elsewhere(rows.x, rows.y))):
         return False
     # Between two new positions: what the speeds of both ends say of the way, and what the mean would add.
     step, change = np.diff(rows.t), np.diff(rows.speed)
