@@ -306,3 +306,16 @@ def test_who_comes_out_before_a_junction_is_ahead_of_who_came_near_it_in_the_sam
     assert fleet.mode[0] == (Mode.LEAVING if stands_there else Mode.PARKED)
     advance(roads, fleet, limits, log, 1, 599, 1, 0.1)
     assert fleet.at[1] == fleet.last[1] and (fleet.at[0] == fleet.last[0] or not stands_there)
+
+
+def test_who_stands_at_the_only_spot_of_a_short_lane_has_come_there():
+    """A hair short of it by rounding, it would keep its reservation, and could never ask for the next."""
+    world = build_world(grid(3, 3, 60.0), TRUCK, 1)
+    roads, limits = world.roads, limits_of([TRUCK], np.zeros(1, int), TRUCK.chassis.length, GAP)
+    lane = int(np.flatnonzero(roads.capacity > 0)[0])
+    fleet = new_fleet(1, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
+    for s, there in ((roads.clear[lane] - 1e-9, True), (roads.clear[lane] - 0.1, False)):
+        fleet.mode[0], fleet.piece[0], fleet.s[0] = Mode.DRIVING, lane, s
+        fleet.route[0, 0], fleet.held_from[0], fleet.held_to[0], fleet.held[:] = lane, 0, 0, 1
+        lanes.let_go.py_func(roads, fleet, 0, limits)
+        assert (fleet.held_to[0] < 0) == there

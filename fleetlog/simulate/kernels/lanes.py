@@ -241,7 +241,7 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
 def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
     """Give back what is behind a truck that has something reserved."""
     p = f.piece[v]
-    if f.at[v] == f.held_to[v] and is_safe_lane(r, p) and f.s[v] >= r.clear[p]:
+    if f.at[v] == f.held_to[v] and is_safe_lane(r, p) and f.s[v] > r.clear[p] - NEAR:
         release(r, f, v, f.held_to[v] + 1)
     elif f.s[v] > 0.5 * x.length + 0.3:
         release(r, f, v, min(f.at[v], f.held_to[v]))
