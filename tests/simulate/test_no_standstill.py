@@ -310,12 +310,21 @@ def test_who_comes_out_before_a_junction_is_ahead_of_who_came_near_it_in_the_sam
 
 def test_who_stands_at_the_only_spot_of_a_short_lane_has_come_there():
     """A hair short of it by rounding, it would keep its reservation, and could never ask for the next."""
-    world = build_world(grid(3, 3, 60.0), TRUCK, 1)
+    site = grid(3, 3, 60.0, places=[Place("far", "drop", 63.0, 100.0)])
+    world, lane = build_world(site, TRUCK, 1), site.network.index["e00h"]
     roads, limits = world.roads, limits_of([TRUCK], np.zeros(1, int), TRUCK.chassis.length, GAP)
-    lane = int(np.flatnonzero(roads.capacity > 0)[0])
     fleet = new_fleet(1, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
-    for s, there in ((roads.clear[lane] - 1e-9, True), (roads.clear[lane] - 0.1, False)):
-        fleet.mode[0], fleet.piece[0], fleet.s[0] = Mode.DRIVING, lane, s
-        fleet.route[0, 0], fleet.held_from[0], fleet.held_to[0], fleet.held[:] = lane, 0, 0, 1
-        lanes.let_go.py_func(roads, fleet, 0, limits)
-        assert (fleet.held_to[0] < 0) == there
+    roads.clear[lane] = roads.stop[lane] + 1e-9
+    far = next(b for b, bay in enumerate(world.bays) if bay.place.id == "far")
+    way = world.ways.onward(lane, roads.stop[lane] - 2.0, far)
+    fleet.route[0, : len(way.pieces)], fleet.last[0] = way.pieces, len(way.pieces) - 1
+    fleet.mode[0], fleet.piece[0], fleet.s[0] = Mode.DRIVING, lane, roads.stop[lane] - 2.0
+    fleet.door[0] = fleet.goal[0] = way.door
+    fleet.tail[lane], fleet.on[lane], fleet.held_from[0], fleet.held_to[0] = 0, 1, 0, 0
+    fleet.held[:] = 1  # Others hold all that it needs next
+    log = new_log(1, 400)
+    advance(roads, fleet, limits, log, 0, 200, 0, 0.1)
+    assert fleet.v[0] == 0.0 and fleet.held_to[0] < 0
+    fleet.held[:] = 0
+    advance(roads, fleet, limits, log, 200, 200, 200, 0.1)
+    assert fleet.at[0] > 0
