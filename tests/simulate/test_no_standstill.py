@@ -309,12 +309,12 @@ def test_who_comes_out_before_a_junction_is_ahead_of_who_came_near_it_in_the_sam
 
 
 def test_who_stands_at_the_only_spot_of_a_short_lane_has_come_there():
-    """A hair short of it by rounding, it would keep its reservation, and could never ask for the next."""
+    """A hair short of it, it would keep its reservation, and could never ask for the next."""
     site = grid(3, 3, 60.0, places=[Place("far", "drop", 63.0, 100.0)])
     world, lane = build_world(site, TRUCK, 1), site.network.index["e00h"]
     roads, limits = world.roads, limits_of([TRUCK], np.zeros(1, int), TRUCK.chassis.length, GAP)
     fleet = new_fleet(1, len(roads.clear), len(roads.length), len(roads.conflict_first) - 1, 16)
-    roads.clear[lane] = roads.stop[lane] + 1e-9
+    roads.clear[lane] = roads.stop[lane] + 1e-3
     far = next(b for b, bay in enumerate(world.bays) if bay.place.id == "far")
     way = world.ways.onward(lane, roads.stop[lane] - 2.0, far)
     fleet.route[0, : len(way.pieces)], fleet.last[0] = way.pieces, len(way.pieces) - 1
