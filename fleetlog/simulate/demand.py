@@ -110,12 +110,11 @@ def like(
     notes = [f"{found} found from {stops} ({kinds})"]
     if turns:
         notes.append(f"trucks turn round at the end of {count(len(turns), 'lane')}, as recorded")
-    told = sum(bool(np.isfinite(dataset.read(v).floats("payload")).any()) for v in dataset.vehicles)
-    if 0 < told < len(dataset.vehicles):
+    loads = (dataset.read(v, columns=("payload",)).floats("payload") for v in dataset.vehicles)
+    told, trucks = sum(bool(np.isfinite(load).any()) for load in loads), len(dataset.vehicles)
+    if 0 < told < trucks:
         what = "they carry none here" if same else "they are taken to carry as much as the others"
-        notes.append(
-            f"{len(dataset.vehicles) - told} of {len(dataset.vehicles)} trucks tell no loads: {what}"
-        )
+        notes.append(f"{trucks - told} of {trucks} trucks tell no loads: {what}")
     chargers = [p.id for p in site.places if p.kind == "charge"]
     visits = visits_of(stands, cluster, names, chargers, driven_edges(dataset, stands))
     if same and any(v.next >= 0 for v in visits):

@@ -50,7 +50,7 @@ class EnergyChannel(Channel):
     charge_step: float = 0.0  # Step in which the state of charge is logged
     power_step: float = 0.0  # Step in which power is logged [W]
     between: Between | None = None  # What recorded power lacks between rows
-    climbs: bool = False  # Slopes are those of heights that the log shows itself
+    climbs: bool = False  # Slopes of most vehicles are those of heights that the log shows itself
 
     def __post_init__(self) -> None:
         self.metric = f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
@@ -105,7 +105,7 @@ class EnergyChannel(Channel):
         changed = size = 0.0
         seen = list(self._looked_at(settings))
         flat = self.fleet.network is None or not self.fleet.network.has_elevation
-        self.climbs = flat and any(unit.own.motion.slope.any() for unit, _, _ in seen)
+        self.climbs = flat and 2 * sum(u.own.motion.slope.any() for u, _, _ in seen) > len(seen)
         for unit, use, rows in seen:
             change = self._thinned(unit, self.fleet.block(unit.own.block.vehicle, rows[::2]))
             changed += float((change[use] ** 2).sum())
