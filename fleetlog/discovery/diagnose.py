@@ -117,6 +117,9 @@ def _hidden(e: Explained) -> list[str]:
     if channel.model_error > max(settings.material, settings.profile_error):
         least = f"{channel.name}: the time between rows hides what changes it by less than "
         notes.append(least + percent(channel.model_error))
+    if e.strain > settings.material:
+        many = f"numbers of the truck file, each off within its tolerance, change {percent(e.strain)} in all"
+        notes.append(f"{channel.name}: {many}, more than by chance: one of them may be far off")
     if e.slight is not None:
         h, share = e.slight
         notes.append(f"{channel.name}: {words.slight(h.term, h.depends_on, share, settings.material)}")

@@ -19,7 +19,7 @@ from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Finding, Parameter, interval
 from fleetlog.discovery.search.finish import Search, on_bound
 from fleetlog.discovery.search.forward import search
-from fleetlog.discovery.search.joint import Joint, covariance, errors, refit
+from fleetlog.discovery.search.joint import Joint, covariance, errors, refit, strain
 from fleetlog.discovery.search.judge import judge
 from fleetlog.discovery.search.problem import Noise, Problem
 from fleetlog.discovery.settings import Settings
@@ -42,6 +42,7 @@ class Explained:
     numbers: dict[Knob, Parameter]
     unexplained: bool
     slight: tuple[Hypothesis, float] | None = None  # What is no finding as it moves no more than this share
+    strain: float = 0.0  # Share by which tolerances move the model together, more than by chance
 
 
 @dataclass
@@ -144,9 +145,9 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
          "value": n.value, "low": n.low, "high": n.high, "unit": n.unit}
         for k, n in numbers.items() if k not in taken and k in final.model.at
     ]  # fmt: skip
-    return Explained(
-        problem, before.model, after, fit, order, small, values, numbers, unexplained, found.slight
-    )
+    off = strain(sample, final) if channel.bends else 0.0  # How trucks are driven is a habit
+    told_of = order, small, values, numbers, unexplained, found.slight, off
+    return Explained(problem, before.model, after, fit, *told_of)
 
 
 def _on_all(asked: Task, joint: Joint, kept: Sequence[Hypothesis]) -> Joint:

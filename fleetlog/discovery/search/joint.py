@@ -153,6 +153,21 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     return np.asarray(out)
 
 
+def strain(problem: Problem, joint: Joint) -> float:
+    """Return the share of the energy by which all numbers that are off within their tolerances move the model
+    together; zero where, each on its own, they might by chance (95 %)."""
+    design, energy, moved = joint.design, 0.0, np.zeros(len(joint.design.atoms))
+    sources, prior = problem.layout(joint.chosen).sources, design.prior
+    for unit in problem.training():
+        modelled, x = problem.channel.columns(unit, joint.model, sources)
+        energy += float(modelled[unit.whole].sum())
+        moved += design.columns(x, unit.windows.vehicle)[unit.whole].sum(axis=0)
+    moved[[a.owner is not None or a.knob is None for a in design.atoms]] = 0.0
+    together = float(moved @ (joint.fitted.beta - prior.centre)) / max(energy, 1e-12)
+    likely = float(np.linalg.norm(moved * (prior.high - prior.low))) / 2.0 / max(energy, 1e-12)
+    return abs(together) if abs(together) > likely else 0.0
+
+
 def errors(covariance: Floats) -> Floats:
     """Return the standard error of every coefficient, (k,)."""
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
