@@ -110,13 +110,6 @@ def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Ex
     pair = [found.base, refit(sample, found.base.model, best, steps=1, known=sums)] if best else []
     without = {h: final.without(h) for h in named}
     fit, judged, rest, lasting = judge(problem, before.model, final, without, beside, pair, asked.share)
-    if refuted := [h for h in told if h in judged and judged[h].refuted]:
-        # The search found it, but on trips that nothing has read it predicts worse than nothing.
-        model = found.joint.model
-        for h in refuted:
-            model = replace(found.joint, model=model).without(h)
-        left = tuple(h for h in found.joint.chosen if h not in refuted)
-        return explain(asked, base, (replace(found, joint=refit(sample, model, left)), sample.noise))
     values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
     findings = []
     for h in told:

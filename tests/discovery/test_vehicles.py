@@ -16,7 +16,6 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck, load_truck
 from fleetlog.discovery.channels.energy import EnergyChannel
 from fleetlog.discovery.diagnose import Diagnosis, diagnose
-from fleetlog.discovery.report.finding import Errors
 from fleetlog.physics.model import save_physics
 from fleetlog.physics.power import Physics
 from fleetlog.store import Dataset
@@ -122,13 +121,6 @@ def test_standstills_count_where_nothing_lifts(lifts: float, step: float, usable
     )
     seen = EnergyChannel._seen_lifts(channel, cut, np.full(count, 10.0), rate * 1e-2)  # type: ignore[arg-type]
     assert seen.mean() == pytest.approx(usable, abs=0.06)
-
-
-def test_what_unseen_trips_speak_against_is_refuted_and_what_they_cannot_tell_is_not() -> None:
-    assert Errors("", 0.15, 0.27, 0.99).refuted
-    assert not Errors("", 0.39, 0.43, 0.01).refuted
-    assert not Errors("", 0.15, 0.12, 0.3).refuted
-    assert not Errors("", None, None, None).refuted
 
 
 def test_tolerances_that_are_used_up_all_one_way_are_said(tmp_path: Path) -> None:

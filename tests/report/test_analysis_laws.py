@@ -222,7 +222,7 @@ def test_energy_is_paid_at_the_hours_in_which_it_was_charged(tmp_path) -> None:
     [
         ("prise = 1", "prise"), ("co2 = 0.4", "price is missing"), ("price = nan", "not a finite number"),
         ("price = 1\nperiod = 3", "list of tables"),
-        ('price = 1\n[[period]]\nfrom = 25\nto = 2\nprice = 1', "outside 0 to 23"),
+        ('price = 1\n[[period]]\nfrom = 25\nto = 2\nprice = 1', "from 0 to 23"),
         ('price = 1\n[[period]]\nfrom = 2\nto = 3\nprice = 1\ndays = ["lundi"]', "lundi"),
     ],
 )  # fmt: skip

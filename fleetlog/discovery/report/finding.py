@@ -6,7 +6,6 @@ from typing import Any
 
 from fleetlog.physics import term
 
-REFUTED = 0.1  # Trips that speak for a true finding at all do so less often than this by chance, in exams
 NORMAL = 1.959964  # Standard errors on either side of which 95 % of a normal variable lies
 
 
@@ -46,12 +45,6 @@ class Errors:
     def fit(self) -> dict[str, Any]:
         """As the contract writes the errors."""
         return {"metric": self.metric, "before": self.before, "after": self.after}
-
-    @property
-    def refuted(self) -> bool:
-        """Whether unseen trips are predicted worse with it than without, and do not speak for it else."""
-        worse = self.before is not None and self.after is not None and self.after > self.before
-        return bool(worse and self.p_value is not None and self.p_value > REFUTED)
 
     def evidence(self, alternatives: list[dict[str, Any]]) -> dict[str, Any]:
         """Return the evidence as the contract writes it."""
