@@ -156,11 +156,12 @@ def _number(row: dict[str, str], name: str, default: float, start: int = 0) -> f
 def check_doable(tasks: Sequence[Task], loads: Mapping[str, float]) -> None:
     """Raise where a task is for a truck that is not simulated, or too heavy for all that may do it; ``loads``
     are what the trucks carry [kg]."""
+    strongest = max(loads.values())
     for task in tasks:
         if task.vehicle is not None and task.vehicle not in loads:
             what = f"a task is for vehicle {task.vehicle!r}, which is not simulated"
             raise InputError(what, do=nearest(task.vehicle, loads))
-        most = max(loads.values()) if task.vehicle is None else loads[task.vehicle]
+        most = strongest if task.vehicle is None else loads[task.vehicle]
         if task.payload > most:
             what = (
                 f"a load of {task.payload:g} kg is more than the {most:g} kg that {task.vehicle or 'a truck'}"

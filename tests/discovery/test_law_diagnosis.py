@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from seen import Seen
 
 import fleetlog
 from fleetlog.analysis.energy import energy
 from fleetlog.core.network import Network, build_network
-from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import load_truck
 from fleetlog.discovery.channels.energy import EnergyChannel
@@ -47,25 +47,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
         physics=folder / "model.toml", recording=False, output=folder / "day",
     )  # fmt: skip
     return Dataset(folder / "day")
-
-
-@dataclass(frozen=True)
-class Seen:
-    """A dataset as it looks when every trajectory is changed; of it, what a diagnosis reads."""
-
-    dataset: Dataset
-    change: Callable[[Trajectory], Trajectory]
-    site: Site
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self.dataset, name)
-
-    def here(self) -> Seen:
-        return self
-
-    def read(self, vehicle: str, date: str, columns: Sequence[str]) -> Trajectory:
-        """One vehicle-day, changed."""
-        return self.change(self.dataset.read(vehicle, date, columns))
 
 
 def judged(dataset: Dataset | Seen) -> Diagnosis:

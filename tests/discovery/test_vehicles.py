@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from seen import Seen
 
 import fleetlog
 from fleetlog.core.network import build_network
@@ -24,24 +24,6 @@ SAMPLE = Path(__file__).parents[2] / "sample_data"
 TRUCK = load_truck(SAMPLE / "truck.toml")
 TIMES = 12.0
 LARGE = ("chassis.mass", "chassis.rated_load", "auxiliary.power", "resistance.drag_area", "drive.max_power")
-
-
-@dataclass(frozen=True)
-class Changed:
-    """A dataset as it looks when every trajectory is changed."""
-
-    dataset: Dataset
-    change: Callable[[Trajectory], Trajectory]
-    site: object
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self.dataset, name)
-
-    def here(self) -> Changed:
-        return self
-
-    def read(self, *what: object) -> Trajectory:
-        return self.change(self.dataset.read(*what))  # type: ignore[arg-type]
 
 
 def driven(folder: Path, site: str, physics: dict[str, dict[str, float]], rate: float = 2.0) -> Dataset:
@@ -71,7 +53,7 @@ def test_a_vehicle_twelve_times_as_large_is_diagnosed_alike(tmp_path: Path) -> N
             battery_power=TIMES * t.floats("battery_power"), payload=TIMES * t.floats("payload")
         )
 
-    one, twelve = power(day), power(Changed(day, larger, day.site), large)
+    one, twelve = power(day), power(Seen(day, larger, day.site), large)
     assert [f.term for f in one.verdict.findings] == ["auxiliary_load"]
     assert [f.term for f in twelve.verdict.findings] == ["auxiliary_load"]
     values = [d.verdict.findings[0].parameters[0].value for d in (one, twelve)]
@@ -99,7 +81,7 @@ def test_heights_that_the_log_shows_leave_no_slope_to_find(tmp_path: Path) -> No
         drift = np.convolve(rng.normal(size=len(t) + 59), np.ones(60), "valid") / np.sqrt(60.0)
         return t.with_columns(z=t.floats("z") + 0.2 * drift)
 
-    found = power(Changed(day, drifting, flat)).verdict
+    found = power(Seen(day, drifting, flat)).verdict
     assert "grade" not in [f.term for f in found.findings]
     assert {f.term for f in found.findings} & {"viscous_drag", "rolling_resistance", "aerodynamic_drag"}
 
