@@ -9,9 +9,9 @@ from fleetlog import engines
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import percent
-from fleetlog.discovery.channels.base import lay_out
+from fleetlog.discovery.channels.base import Channel, lay_out
 from fleetlog.discovery.channels.choose import CHANNELS, ROWS, channel_of, present
-from fleetlog.discovery.explain import Explained, Task, explain, searched, task
+from fleetlog.discovery.explain import Explained, Searched, Task, explain, searched, task
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import COLUMNS, Fleet, absences, read_fleet
 from fleetlog.discovery.recording.sensors import Fault, examine
@@ -65,15 +65,23 @@ def diagnose(
     if not found:
         raise DataError("no channel to judge", do="record power, state of charge, or positions on a road map")
     lay_out(found)
-    # The longest search comes last: what the others found is judged beside it.
-    tasks = [task(channel, split, settings) for channel in reversed(found)]
-    judged: dict[str, Explained] = {}
-    with closing(engines.current().run(partial(searched, base, tuple(terms)), tasks, _name)) as results:
-        for own, result in zip(tasks, results, strict=True):
-            progress(_name(own))
-            judged[_name(own)] = explain(own, base, result)
-            own.sample.channel.put_back()
-    explained = {c.name: judged[c.name] for c in found}
+    explained: dict[str, Explained] = {}
+    search = partial(searched, base, tuple(terms))
+
+    def conclude(own: Task, result: Searched) -> None:
+        progress(_name(own))
+        explained[_name(own)] = explain(own, base, result)
+        own.sample.channel.put_back()
+
+    def alone(channel: Channel) -> None:
+        conclude(own := task(channel, split, settings), search(own))
+
+    # The longest search is a worker's; all about the other channels is done beside it.
+    longest = task(found[0], split, settings)
+    beside = [partial(alone, channel) for channel in found[:0:-1]]
+    with closing(engines.current().run(search, [longest], _name, beside)) as results:
+        conclude(longest, *results)
+    explained = {c.name: explained[c.name] for c in found}
     return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, fleet)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -64,7 +64,10 @@ def task(channel: Channel, split: Split, settings: Settings) -> Task:
     return Task(problem, windows, share, problem.sampled(share))
 
 
-def searched(base: Model, only: tuple[str, ...], own: Task) -> tuple[Search, Noise] | None:
+Searched: TypeAlias = tuple[Search, Noise] | None  # Of a channel's sample; None with too few windows
+
+
+def searched(base: Model, only: tuple[str, ...], own: Task) -> Searched:
     """Return what explains the sample of a channel, and its noise."""
     if own.windows < own.problem.settings.fewest:
         return None
@@ -72,7 +75,7 @@ def searched(base: Model, only: tuple[str, ...], own: Task) -> tuple[Search, Noi
     return search(own.sample, base), own.sample.noise
 
 
-def explain(asked: Task, base: Model, result: tuple[Search, Noise] | None) -> Explained:
+def explain(asked: Task, base: Model, result: Searched) -> Explained:
     """Say what a channel is missing, by what was found on its sample."""
     problem, sample = asked.problem, asked.sample
     channel, settings = problem.channel, problem.settings

@@ -29,6 +29,11 @@ class Engine:
     workers = 1  # Jobs that run at the same time
     ahead: Tasks = ()  # What will be needed here: who waits for workers does it
 
+    @property
+    def here(self) -> "Engine":
+        """The engine of this machine, for jobs that write where only it may."""
+        return self
+
     def pays(self, cost: float) -> bool:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
         return False
@@ -134,22 +139,26 @@ class Cluster(Engine):
         """Threads of all workers."""
         return max(1, sum(int(n) for n in self.client.nthreads().values()))
 
+    @property
+    def here(self) -> Engine:
+        """Jobs are done in turn."""
+        return Engine()
+
     def pays(self, cost: float) -> bool:
         """Always: who names a cluster wants it used."""
         return True
 
     def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks) -> Outcomes[R]:
-        """The scheduler gives the jobs of a lost worker to others. With tasks ``beside`` all is done here."""
-        if beside:
-            yield from super()._done(work, jobs, name, beside)
-            return
+        """The scheduler gives the jobs of a lost worker to others."""
         from distributed import KilledWorker
 
-        futures: list[Any] = []
+        futures, tasks = list[Any](), list(beside)
         try:
             for turn, job in enumerate(jobs):
                 more = jobs[turn + len(futures) : turn + AHEAD * self.workers]
                 futures += [self.client.submit(attempt, work, later, name, pure=False) for later in more]
+                while tasks:
+                    tasks.pop(0)()
                 try:
                     yield futures.pop(0).result()
                 except KilledWorker as error:

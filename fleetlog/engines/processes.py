@@ -9,9 +9,9 @@ import signal
 import sys
 import warnings
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence, Sized
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -34,6 +34,7 @@ class Processes(Engine):
 
     def __init__(self, workers: int, *, always: bool = False) -> None:
         self.workers, self.always = workers, always
+        self.engaged = 0  # Workers that are at jobs of runs that wait for what is done beside them
 
     def pays(self, cost: float) -> bool:
         """Return whether the work is more than starting processes; not within a worker."""
@@ -42,11 +43,68 @@ class Processes(Engine):
 
     def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], beside: Tasks) -> Outcomes[R]:
         """As the engine here gives them; at most ``AHEAD`` jobs per worker wait for their turn."""
-        count = min(self.workers, len(jobs))
+        count = min(max(1, self.workers - self.engaged), len(jobs))
         if min(self.workers, count + len(beside)) < 2:
             return super()._done(work, jobs, name, beside)
         ahead, self.ahead = self.ahead, ()
-        return _run(work, jobs, name, count, [*beside, *ahead])
+        return self._run(work, jobs, name, count, [*beside, *ahead])
+
+    def _run(
+        self,
+        work: Callable[[J], R],
+        jobs: Sequence[J],
+        name: Name[J],
+        count: int,
+        beside: list[Callable[[], object]],
+    ) -> Outcomes[R]:
+        crew = dict(_start(work, name) for _ in range(count))
+        busy: dict[Connection, int] = {}
+        waiting, turn = list(range(len(jobs)))[::-1], 0
+        early: dict[int, R | Failure] = {}
+        deaths = Counter[int]()
+        try:
+            while turn < len(jobs):
+                for pipe in [p for p in crew if p not in busy]:
+                    if waiting and waiting[-1] < turn + AHEAD * count:
+                        busy[pipe] = waiting.pop()
+                        with suppress(OSError):  # it died before: its end is seen below
+                            pipe.send(jobs[busy[pipe]])
+                if not (ready := wait(list(busy), 0 if beside else None)):
+                    with self._beside(busy):
+                        beside.pop(0)()
+                for pipe in [p for p in crew if p in ready]:
+                    number = busy.pop(pipe)
+                    try:
+                        early[number] = pipe.recv()
+                    except (EOFError, OSError):  # it died
+                        dead = crew.pop(pipe)
+                        _end({pipe: dead})
+                        crew.update([_start(work, name)])
+                        deaths[number] += 1
+                        waiting.append(number)
+                        if deaths[number] == DEATHS:
+                            what = f"its worker died {DEATHS} times (exit status {dead.exitcode})"
+                            do = "free memory, or use fewer --workers"  # the system kills what takes too much
+                            do = do if dead.exitcode == -signal.SIGKILL else "please report it"
+                            early[waiting.pop()] = DataError(what, where=name(jobs[number]), do=do)
+                while turn in early:
+                    with self._beside(busy):
+                        yield early.pop(turn)
+                    turn += 1
+            for task in beside:
+                task()
+        finally:
+            _end(crew)
+
+    @contextmanager
+    def _beside(self, busy: Sized) -> Iterator[None]:
+        """Leave busy workers their cores: other runs of this process do with fewer."""
+        count = len(busy)
+        self.engaged += count
+        try:
+            yield
+        finally:
+            self.engaged -= count
 
     def stream(self, work: Callable[[J], R], jobs: Iterator[J], cost: float) -> Generator[R, None, None]:
         """By threads of this process, ahead of who takes the results; one more draws the jobs."""
@@ -69,47 +127,6 @@ class Processes(Engine):
         finally:
             drawing.shutdown(cancel_futures=True)
             pool.shutdown(cancel_futures=True)
-
-
-def _run(
-    work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int, beside: list[Callable[[], object]]
-) -> Outcomes[R]:
-    crew = dict(_start(work, name) for _ in range(count))
-    busy: dict[Connection, int] = {}
-    waiting, turn = list(range(len(jobs)))[::-1], 0
-    early: dict[int, R | Failure] = {}
-    deaths = Counter[int]()
-    try:
-        while turn < len(jobs):
-            for pipe in [p for p in crew if p not in busy]:
-                if waiting and waiting[-1] < turn + AHEAD * count:
-                    busy[pipe] = waiting.pop()
-                    with suppress(OSError):  # it died before: its end is seen below
-                        pipe.send(jobs[busy[pipe]])
-            if not (ready := wait(list(busy), 0 if beside else None)):
-                beside.pop(0)()
-            for pipe in [p for p in crew if p in ready]:
-                number = busy.pop(pipe)
-                try:
-                    early[number] = pipe.recv()
-                except (EOFError, OSError):  # it died
-                    dead = crew.pop(pipe)
-                    _end({pipe: dead})
-                    crew.update([_start(work, name)])
-                    deaths[number] += 1
-                    waiting.append(number)
-                    if deaths[number] == DEATHS:
-                        what = f"its worker died {DEATHS} times (exit status {dead.exitcode})"
-                        do = "free memory, or use fewer --workers"  # the system kills what takes too much
-                        do = do if dead.exitcode == -signal.SIGKILL else "please report it"
-                        early[waiting.pop()] = DataError(what, where=name(jobs[number]), do=do)
-            while turn in early:
-                yield early.pop(turn)
-                turn += 1
-        for task in beside:
-            task()
-    finally:
-        _end(crew)
 
 
 def _start(work: Callable[[J], R], name: Name[J]) -> tuple[Connection, BaseProcess]:

@@ -96,6 +96,17 @@ def test_what_is_beside_the_jobs_is_done_here(tmp_path, workers):
     assert (pids == done) == (workers == 1)
 
 
+def test_runs_beside_a_busy_worker_take_the_cores_that_are_left():
+    pids = set()
+
+    def beside():
+        pids.update(engines.current().run(lambda _: os.getpid(), JOBS))
+
+    with engines.using(2) as engine:
+        list(engine.run(lambda _: time.sleep(0.5), [0], beside=[beside]))
+    assert pids == {os.getpid()}
+
+
 def test_modules_are_loaded_while_workers_work():
     with engines.using(2) as engine:
         engine.ahead = engines.loading("colorsys")

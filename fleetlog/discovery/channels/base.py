@@ -88,16 +88,13 @@ class Channel(ABC):
         return {**self.__dict__, "_held": []}
 
     @abstractmethod
-    def look(self, number: int, block: Block) -> Any:
-        """Keep the windows of a vehicle-day, and return what :meth:`close` needs of it."""
+    def look(self, number: int, block: Block) -> None:
+        """Keep what is needed of a vehicle-day."""
 
-    def close(self, date: int, looked: list[Any]) -> Any:
-        """Return what a date tells of all, once all its vehicles were looked at."""
-        return None
-
-    def learn(self, told: list[Any]) -> None:
-        """Learn what all dates told."""
-        return
+    def prepare(self) -> None:
+        """Have the windows of all dates at hand."""
+        if not self._laid:
+            lay_out([self])
 
     def of(self, date: int) -> Iterator[Unit]:
         """Yield the units of a date."""
@@ -114,8 +111,7 @@ class Channel(ABC):
         if self.share is not None:
             yield from self._sample()
             return
-        if not self._laid:
-            lay_out([self])
+        self.prepare()
         for date in self.fleet.dates:
             yield from self.of(date)
 
@@ -125,8 +121,7 @@ class Channel(ABC):
         if self.share is not None:
             yield work(self._sample())
             return
-        if not self._laid:
-            lay_out([self])
+        self.prepare()
         yield from self.fleet.each(partial(_of_date, self, work))
 
     @abstractmethod
@@ -239,23 +234,19 @@ class Channel(ABC):
         return self._passes[name]
 
 
-def lay(channels: Sequence[Channel], date: int) -> list[Any]:
-    """Put the windows of a date on the shelves of channels, the motion made once; return what each tells."""
-    looked: list[list[Any]] = [[] for _ in channels]
+def lay(channels: Sequence[Channel], date: int) -> None:
+    """Put what channels need of a date on their shelves, the motion made once."""
     for number, block in channels[0].fleet.each_block(date):
-        for channel, own in zip(channels, looked, strict=True):
-            own.append(channel.look(number, block))
-    told = [channel.close(date, own) for channel, own in zip(channels, looked, strict=True)]
+        for channel in channels:
+            channel.look(number, block)
     for channel in channels:
         channel.shelf.end(str(date))
-    return told
 
 
 def lay_out(channels: Sequence[Channel]) -> None:
-    """Put the windows of all dates on the shelves of channels of one fleet."""
-    told = list(channels[0].fleet.each(partial(lay, channels)))
-    for channel, own in zip(channels, zip(*told, strict=True), strict=True):
-        channel.learn(list(own))
+    """Put what channels of one fleet need of all dates on their shelves."""
+    list(channels[0].fleet.each(partial(lay, channels)))
+    for channel in channels:
         channel._laid = True
 
 

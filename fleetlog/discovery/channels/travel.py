@@ -18,7 +18,8 @@ from fleetlog.discovery.hypotheses.cells import Stretches, make_stretches
 from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Block, by_window
-from fleetlog.discovery.recording.conflicts import Route, route
+from fleetlog.discovery.recording.conflicts import route
+from fleetlog.discovery.recording.shelf import Shelf
 from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.recording.turns import Pass, Turns, Way, crossings, measure
 from fleetlog.discovery.settings import Settings
@@ -144,6 +145,8 @@ class TravelChannel(Channel):
     settings: Settings
     turns: Turns = field(default_factory=lambda: Turns({}, 0.0), init=False)
     waits: Waits = field(init=False)
+    driven: Shelf = field(default_factory=Shelf, init=False)  # The paths of dates, and then their units
+    _learnt: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         network = self.fleet.network
@@ -157,23 +160,32 @@ class TravelChannel(Channel):
         self.place_error = GATHERS * self.model_error
         self.bends = False  # Travel times are linear in the coordinates of their numbers
 
-    def look(self, number: int, block: Block) -> tuple[int, Route | None]:
-        """Return the route of a vehicle-day."""
-        return number, route(block)
+    def look(self, number: int, block: Block) -> None:
+        """Keep the route of a vehicle-day."""
+        if (r := route(block)) is not None:
+            self.shelf.put(str(block.day), number, r)
 
-    def close(self, date: int, looked: list[Any]) -> Told:
+    def prepare(self) -> None:
+        """Have the windows of all dates at hand, and know how turns are driven and where trucks wait."""
+        super().prepare()
+        if not self._learnt:
+            self.learn(list(self.fleet.each(self.close)))
+
+    def close(self, date: int) -> Told:
         """Keep the paths of a date; return what trucks show of turns and of places where they wait."""
-        placed = [(k, r) for k, r in looked if r is not None]
+        numbers = super().numbers(date)
         turns, found = list[tuple[Way, Pass]](), list[Laid]()
-        group = [r for _, r in placed]
+        group = [self.shelf.get(str(date), number) for number in numbers]
         own = self.settings
         share = own.sample * own.window / self.fleet.seconds  # So many windows tell how turns are driven
         ways = paths.laid_out(group, self.fleet, self.split, self.lanes, own.stretch, share) if group else ()
-        for (number, _), (laid, undisturbed) in zip(placed, ways, strict=True):
+        for number, (laid, undisturbed) in zip(numbers, ways, strict=True):
             turns += crossings(undisturbed)
             if laid is not None:
                 found.append(laid)
-                self.shelf.put(str(date), number, laid)
+                self.driven.put(str(date), number, laid)
+        self.driven.end(str(date))
+        self.shelf.drop(str(date))
         seen = [(whole | p.apart) & (self.split.fold(w) != HELD_OUT) for p, w, _, whole in found]
         return turns, stands(found, seen, self.lanes)
 
@@ -182,13 +194,21 @@ class TravelChannel(Channel):
         self.turns = measure([one for turns, _ in told for one in turns], self.fleet.truck)
         stops, *by_place = np.sum([stood for _, stood in told], axis=0)
         self.waits = Waits(self.lanes, stops, np.array(by_place))
+        self._learnt = True
+
+    def numbers(self, date: int) -> list[int]:
+        """Return the numbers of its vehicle-days that have paths."""
+        if not self.driven.has(str(date)):  # Of a worker on another machine
+            self.close(date)
+        return self.driven.numbers(str(date))
 
     def of(self, date: int) -> Iterator[Unit]:
         """Yield the units of a date, made of its paths once turns and places to wait are known."""
         for number in self.numbers(date):
-            if not isinstance(laid := self.shelf.get(str(date), number), Unit):
-                self.shelf.put(str(date), number, self._unit(laid))
-        yield from super().of(date)
+            if not isinstance(unit := self.driven.get(str(date), number), Unit):
+                unit = self._unit(unit)
+                self.driven.put(str(date), number, unit)
+            yield unit
 
     def _unit(self, laid: Laid) -> Unit:
         path, windows, recorded, whole = laid

@@ -65,6 +65,10 @@ class Shelf:
         (self.folder / group).mkdir(exist_ok=True)
         (self.folder / group / "whole").touch()
 
+    def drop(self, group: str) -> None:
+        """Keep a group no longer."""
+        shutil.rmtree(self.folder / group)
+
     def numbers(self, group: str) -> list[int]:
         """Return the numbers of the pieces of a group, in order."""
         return sorted(int(f.name) for f in (self.folder / group).iterdir() if f.name.isdecimal())

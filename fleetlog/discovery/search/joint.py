@@ -164,7 +164,8 @@ def strain(problem: Problem, joint: Joint) -> float:
         moved += design.columns(x, unit.windows.vehicle)[unit.whole].sum(axis=0)
     moved[[a.owner is not None or a.knob is None for a in design.atoms]] = 0.0
     together = float(moved @ (joint.fitted.beta - prior.centre)) / max(energy, 1e-12)
-    likely = float(np.linalg.norm(moved * (prior.high - prior.low))) / 2.0 / max(energy, 1e-12)
+    own = moved != 0.0
+    likely = float(np.linalg.norm(moved[own] * (prior.high - prior.low)[own])) / 2.0 / max(energy, 1e-12)
     return abs(together) if abs(together) > likely else 0.0
 
 
