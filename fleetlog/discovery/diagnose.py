@@ -98,7 +98,7 @@ def together(base: Model, explained: dict[str, Explained]) -> Model:
 
 def _split(fleet: Fleet, holdout: Kind, settings: Settings, seed: int) -> Split:
     vehicles = sorted({d.vehicle for d in fleet.days})
-    window = max(settings.window, ROWS * fleet.step)
+    window = max(settings.window, ROWS * fleet.update)
     return make_split(
         holdout, fleet.trips, fleet.seconds, vehicles, list(fleet.dates), settings.folds, settings.held_out,
         seed, window, bool(fleet.own_trips) or passed_once(fleet.days, window),

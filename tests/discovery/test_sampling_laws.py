@@ -15,8 +15,9 @@ from fleetlog.discovery.channels.choose import channel_of
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Windows, block, merged
-from fleetlog.discovery.recording.day import day_of
-from fleetlog.discovery.recording.fleet import read_fleet
+from fleetlog.discovery.recording.day import day_of, held
+from fleetlog.discovery.recording.fleet import Fleet, read_fleet
+from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
 from fleetlog.discovery.search.joint import refit
 from fleetlog.discovery.search.problem import Noise, Problem, learn
@@ -24,6 +25,7 @@ from fleetlog.discovery.settings import SETTINGS
 from fleetlog.store import Dataset
 
 WINDOWS = 3000
+TRUCK = load_truck(Path(__file__).parents[2] / "sample_data" / "truck.toml")
 
 
 def learnt(exponent: float, seed: int) -> Noise:
@@ -95,10 +97,9 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_models_own_error_grows_as_rows_become_rarer(simulated: Path) -> None:
-    truck = load_truck(Path(__file__).parents[2] / "sample_data" / "truck.toml")
-    fleet = read_fleet(Dataset(simulated), truck)
+    fleet = read_fleet(Dataset(simulated), TRUCK)
     split = make_split("trips", fleet.trips, fleet.seconds, [0, 1, 2], [0], 10, 0.2, 0)
-    base, errors = Model(truck), []
+    base, errors = Model(TRUCK), []
     for every in (1, 2, 5):
         rarer = replace(fleet, days=[day_of(d.vehicle, d.load()[::every]) for d in fleet.days])
         errors.append(channel_of("battery_power", rarer, base, SETTINGS, split).model_error)
@@ -107,10 +108,9 @@ def test_the_models_own_error_grows_as_rows_become_rarer(simulated: Path) -> Non
 
 
 def test_a_field_fitted_again_and_again_stays_what_its_prior_allows(simulated: Path) -> None:
-    truck = load_truck(Path(__file__).parents[2] / "sample_data" / "truck.toml")
-    fleet = read_fleet(Dataset(simulated), truck)
+    fleet = read_fleet(Dataset(simulated), TRUCK)
     split = make_split("trips", fleet.trips, fleet.seconds, [0, 1, 2], [0], 10, 0.2, 0)
-    base = Model(truck)
+    base = Model(TRUCK)
     problem = Problem(channel_of("battery_power", fleet, base, SETTINGS, split), split, SETTINGS, ())
     field = Hypothesis("grade", field=True, variance=1e-4)
     joint, sizes = refit(problem, base, [field], 1), []
@@ -130,10 +130,51 @@ def test_rows_whose_power_is_a_mean_say_their_energy_once(simulated: Path, inter
     sums = np.cumsum(exact)
     mean = (sums - np.concatenate([np.zeros(interval), sums[:-interval]])) / interval
     told = trajectory.with_columns(battery_power=mean)
-    truck = load_truck(Path(__file__).parents[2] / "sample_data" / "truck.toml")
-    made = merged(block(told, 0, dataset.site.network, truck), float(interval))
+    made = merged(block(told, 0, dataset.site.network, TRUCK), float(interval))
     rows = np.flatnonzero(np.isfinite(made.power))[1:]
     assert len(made) == pytest.approx(len(exact) / interval, rel=0.2)
     last = np.searchsorted(trajectory.time * 1e-6, made.time[rows] + 0.5 * (interval - 1) - 0.1)
     energy = [exact[i - interval + 1 : i + 1].sum() for i in last]
     assert made.power[rows] * interval == pytest.approx(energy, rel=1e-6, abs=1.0)
+
+
+def repeated(dataset: Dataset, rows: int, mean: bool = False) -> Fleet:
+    """The fleet, its power new on every so many rows only: what it was then, or on average since the last."""
+    days = []
+    for day in read_fleet(dataset, TRUCK).days:
+        trajectory = day.load()
+        power = trajectory.floats("battery_power")
+        first = np.arange(len(power)) // rows * rows
+        if mean:
+            total = np.concatenate([[0.0], np.cumsum(power)])
+            power = (total[first + 1] - total[np.maximum(first + 1 - rows, 0)]) / rows
+        told = trajectory.with_columns(battery_power=power if mean else power[first])
+        days.append(day_of(day.vehicle, told))
+    held = {d.vehicle: d.held for d in days if d.held}
+    return replace(read_fleet(dataset, TRUCK), days=days, held=held)
+
+
+@pytest.mark.parametrize("rows", [2, 4])
+def test_a_power_that_is_repeated_is_no_fault_of_its_clock(simulated: Path, rows: int) -> None:
+    fleet = repeated(Dataset(simulated), rows)
+    assert fleet.held == dict.fromkeys(range(3), rows * fleet.step)
+    split = make_split("trips", fleet.trips, fleet.seconds, [0, 1, 2], [0], 10, 0.2, 0)
+    mended, faults = examine(fleet, split)
+    assert faults == []
+    # What a value stands for begins half its time before the row that has it first.
+    assert mended.lag == pytest.approx(dict.fromkeys(range(3), 0.5 * (rows - 1) * fleet.step))
+
+
+def test_a_mean_that_is_repeated_is_a_mean_of_that_time(simulated: Path) -> None:
+    fleet = repeated(Dataset(simulated), 4, mean=True)
+    split = make_split("trips", fleet.trips, fleet.seconds, [0, 1, 2], [0], 10, 0.2, 0)
+    (fault,) = examine(fleet, split)[1]
+    # Four moments span three steps, or four with the time that each stands for.
+    assert (fault.term, fault.off.value) == ("averaging", pytest.approx(3.5 * fleet.step, abs=0.6))
+
+
+@pytest.mark.parametrize("step", [0.0, 100.0, 500.0])
+def test_coarse_steps_are_no_repetition(simulated: Path, step: float) -> None:
+    day = read_fleet(Dataset(simulated), TRUCK).days[0].load()
+    power = day.floats("battery_power")
+    assert held(day.with_columns(battery_power=np.round(power / step) * step if step else power)) == 0.0

@@ -61,7 +61,7 @@ def _cells(fleet: Fleet) -> Cells | None:
 
 def _window(fleet: Fleet, channel: str, settings: Settings, step: float) -> float:
     """Length of a window [s]: longer where rows are far apart, and for a coarse state of charge."""
-    wide = max(settings.window, ROWS * fleet.step)
+    wide = max(settings.window, ROWS * fleet.update)
     if channel == "soc":
         used = sum(d.charge_used for d in fleet.days)
         wide = max(wide, QUANTA * step * fleet.seconds / max(used, 1e-9))

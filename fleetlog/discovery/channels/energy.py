@@ -14,7 +14,7 @@ from fleetlog.discovery.channels.energy_columns import EnergyAbout, Evaluation, 
 from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FreeCurve, charge_curves, energy_curves
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.blocks import Block, Cut, cut, merged
+from fleetlog.discovery.recording.blocks import Block, Cut, cut
 from fleetlog.discovery.recording.fleet import far_apart
 from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.settings import Settings
@@ -68,7 +68,7 @@ class EnergyChannel(Channel):
 
     def _unit(self, block: Block) -> Unit:
         known = block.known
-        block = replace(merged(block, self.fleet.interval.get(block.vehicle, 0.0)), known=None)
+        block = replace(self.fleet.merged(block), known=None)
         if self.measured:
             block = self._on_the_clock_of_charge(block)
         c = cut(block, self.seconds)
@@ -107,7 +107,7 @@ class EnergyChannel(Channel):
         flat = self.fleet.network is None or not self.fleet.network.has_elevation
         self.climbs = flat and 2 * sum(u.own.motion.slope.any() for u, _, _ in seen) > len(seen)
         for unit, use, rows in seen:
-            change = self._thinned(unit, self.fleet.block(unit.own.block.vehicle, rows[::2]))
+            change = self._thinned(unit, self.fleet.thinned(unit.own.block.vehicle, rows))
             changed += float((change[use] ** 2).sum())
             size += float((unit.recorded[use] ** 2).sum())
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
@@ -166,7 +166,7 @@ class EnergyChannel(Channel):
     def _thinned(self, unit: Unit, rare: Block) -> Floats:
         """(W,) the residual of the nominal model [kJ] on every second row alone, less that on all rows."""
         c: Cut = unit.own
-        block, rare = c.block, merged(rare, self.fleet.interval.get(rare.vehicle, 0.0))
+        block = c.block
         if self.measured:
             rare = self._on_the_clock_of_charge(rare)
         # A row counts where it is stamped, whole: of its neighbours one may be held out.

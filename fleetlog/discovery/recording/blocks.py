@@ -123,13 +123,17 @@ def block(
     )  # fmt: skip
 
 
-def merged(block: Block, mean_of: float) -> Block:
+def merged(block: Block, mean_of: float, held: float = 0.0) -> Block:
     """Take rows whose power is the mean of the last ``mean_of`` seconds together so that they say it once;
-    of fewer, before a trip or a silence ends, the power is not known."""
-    count = round(mean_of / float(np.median(np.diff(block.time)))) if mean_of > 0.0 else 1
+    of fewer, before a trip or a silence ends, the power is not known. The same of rows that repeat a value
+    which is ``held`` for so long [s]: it is of the time of the first."""
+    several = max(mean_of, held)
+    count = round(several / float(np.median(np.diff(block.time)))) if several > 0.0 else 1
     if count <= 1:
         return block
     begin = np.append(True, np.diff(block.trip) != 0) | (block.silence > 0.0)
+    if held:
+        begin[1:] |= np.diff(block.power) != 0.0
     since = np.arange(len(block)) - np.maximum.accumulate(np.where(begin, np.arange(len(block)), 0))
     begin |= since % count == 0
     group, size = np.cumsum(begin) - 1, np.diff(np.append(np.flatnonzero(begin), len(block)))
@@ -137,10 +141,11 @@ def merged(block: Block, mean_of: float) -> Block:
     mean = block.power[last]
     return replace(
         block, motion=block.motion.replaced(power=mean[group][block.row]),
-        row=group[block.row].astype(np.int32), time=np.bincount(group, block.time) / size,
+        row=group[block.row].astype(np.int32),
+        time=block.time[last - size + 1] if held else np.bincount(group, block.time) / size,
         seconds=np.bincount(group, block.seconds).astype(np.float64),
-        power=np.where(size == count, mean, np.nan), soc=np.bincount(group, block.soc) / size,
-        trip=block.trip[last],
+        power=np.where((size == count) | (held > 0.0), mean, np.nan),
+        soc=np.bincount(group, block.soc) / size, trip=block.trip[last],
     )  # fmt: skip
 
 

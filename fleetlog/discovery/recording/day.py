@@ -12,6 +12,7 @@ from fleetlog.physics.motion.rows import updates
 
 SELDOM, SEVERAL = 5.0, 2.5
 """Seconds and rows between updates of positions from which on these are too few to hold a speed against."""
+FEWEST, REGULAR = 50, 0.8  # Runs of equal power that say how long values are held; share alike of them
 DAY = 86_400_000_000  # Microseconds
 FEW = ("x", "y", "speed", "battery_power")  # Columns of the rows that stand for all
 
@@ -23,7 +24,8 @@ class Day:
     ``date`` counts from 1970; ``begin`` and ``end`` [s since 1970]; ``step`` [s] between two rows, the
     median; ``known`` columns; ``trips`` numbers; ``driven`` [s] within trips; ``charge_step`` that the state
     of charge is logged in, ``charge_used`` all that it fell by; ``seldom`` whether positions come far more
-    rarely than rows, and rarely; ``few`` rows, evenly drawn, that stand for all; ``load`` reads all."""
+    rarely than rows, and rarely; ``held`` for how long each value of power is repeated, 0 where it is
+    not [s]; ``few`` rows, evenly drawn, that stand for all; ``load`` reads all."""
 
     vehicle: int
     date: int
@@ -37,6 +39,7 @@ class Day:
     charge_step: float
     charge_used: float
     seldom: bool
+    held: float
     few: Trajectory
     load: Callable[[], Trajectory]
 
@@ -50,7 +53,8 @@ def day_of(vehicle: int, t: Trajectory, load: Callable[[], Trajectory] | None = 
         vehicle, int(t.time[0] // DAY), len(t), float(t.time[0]) * 1e-6, float(t.time[-1]) * 1e-6,
         float(np.median(steps)), frozenset(c for c in t.columns if t.has(c)), np.unique(trip),
         float(steps[np.diff(trip) == 0].sum()), float(np.quantile(changed, 0.05)) if len(changed) else 0.0,
-        float(fell.sum()), t.has("x") and t.has("speed") and seldom(t), few[::every],
+        float(fell.sum()), t.has("x") and t.has("speed") and seldom(t),
+        held(t) * float(np.median(steps)), few[::every],
         load or partial(_same, t),
     )  # fmt: skip
 
@@ -65,6 +69,17 @@ def seldom(t: Trajectory) -> bool:
     rows = np.flatnonzero(updates(time, t.floats("x"), t.floats("y"), speed) & (np.nan_to_num(speed) > 0.0))
     few = len(rows) < 2 or float(np.median(np.diff(time[rows]))) <= SELDOM
     return not few and float(np.median(np.diff(rows))) > SEVERAL
+
+
+def held(t: Trajectory) -> float:
+    """Return in how many rows each value of power stands on the way, 0 where it is not repeated: hardly any
+    run of equal values is shorter than the others, as they are where power comes in coarse steps."""
+    power, moves = t.floats("battery_power"), np.nan_to_num(t.floats("speed"), nan=1.0) > 0.0
+    begin = np.flatnonzero((np.diff(power, prepend=np.nan) != 0.0) & np.isfinite(power))
+    runs = np.diff(begin)[np.logical_and.reduceat(moves, begin)[:-1]] if len(begin) else begin
+    if len(runs) < FEWEST or (usual := float(np.median(runs))) < 2.0:
+        return 0.0
+    return usual if np.mean(np.abs(runs - usual) <= max(0.5, 0.1 * usual)) > REGULAR else 0.0
 
 
 def pooled(days: list[Day], column: str) -> Floats:

@@ -3,7 +3,7 @@
 import itertools
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from statistics import median
@@ -17,7 +17,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
-from fleetlog.discovery.recording.blocks import TRIP, Block, block
+from fleetlog.discovery.recording.blocks import TRIP, Block, block, merged
 from fleetlog.discovery.recording.day import Day, day_of
 from fleetlog.discovery.recording.splits import trips_apart
 from fleetlog.errors import DataError
@@ -50,6 +50,8 @@ class Fleet:
     scale: dict[int, float]
     load_with_power: bool = False
     interval: dict[int, float] = field(default_factory=dict)
+    held: dict[int, float] = field(default_factory=dict)
+    """For how long each value of power is repeated, by vehicle [s]."""
     speed_late: dict[int, float] = field(default_factory=dict)
     """By how much the speed channel runs behind the positions, by vehicle [s]."""
     left_out: tuple[str, ...] = ()
@@ -90,6 +92,22 @@ class Fleet:
             speed = np.interp(time + late, time, trajectory.floats("speed"))
             trajectory = trajectory.with_columns(speed=speed)
         return block(trajectory, vehicle, self.network, self.truck, lag=lag, scale=scale, load_lags=load_lags)
+
+    def merged(self, block: Block) -> Block:
+        """Return one whose rows say something new of power each."""
+        return merged(block, self.interval.get(block.vehicle, 0.0), self.held.get(block.vehicle, 0.0))
+
+    def thinned(self, vehicle: int, rows: Trajectory) -> Block:
+        """Return every second row of a vehicle-day, or every second value of its power."""
+        if vehicle not in self.held:
+            return self.merged(self.block(vehicle, rows[::2]))
+        power = rows.floats("battery_power")
+        begin = np.flatnonzero(np.diff(power, prepend=np.nan) != 0.0)[::2]
+        size = np.diff(np.append(begin, len(power)))
+        held = self.held[vehicle]
+        rarer = replace(self, held={vehicle: 2.0 * held}, lag={vehicle: self.lag[vehicle] + 0.5 * held})
+        rows = rows.with_columns(battery_power=np.repeat(power[begin], size))
+        return rarer.merged(rarer.block(vehicle, rows))
 
     @cached_property
     def dates(self) -> tuple[int, ...]:
@@ -146,6 +164,11 @@ class Fleet:
         """Median time between rows [s]."""
         return float(np.median([d.step for d in self.days]))
 
+    @property
+    def update(self) -> float:
+        """Median time between two values of power [s]."""
+        return max([self.step, *self.held.values()])
+
 
 def read_fleet(data: Dataset, truck: Truck, site: Site | None = None, without: Sequence[str] = ()) -> Fleet:
     """Return the vehicle-days of a dataset, of which the columns that matter here are read, but for some."""
@@ -163,9 +186,10 @@ def read_fleet(data: Dataset, truck: Truck, site: Site | None = None, without: S
     days = [d for d in days if not weighed or d.vehicle in weighed]
     rarely = frozenset(d.vehicle for d in days if network is None and d.seldom)
     no_channel = frozenset(d.vehicle for d in days if "speed" not in d.known)
+    repeats = {d.vehicle: d.held for d in days if d.held}
     return Fleet(
         days, vehicles, network, truck, {}, {}, left_out=left_out, speed_from_positions=no_channel,
-        rarely_placed=rarely,
+        rarely_placed=rarely, held=repeats,
     )  # fmt: skip
 
 
@@ -209,6 +233,9 @@ def absences(fleet: Fleet, once: bool = False) -> list[str]:
         names = ", ".join(fleet.vehicles[v] for v in fleet.speed_late)
         way = f"{abs(late):.1f} s {'behind' if late > 0.0 else 'ahead of'} the positions"
         out.append(f"the speed channel runs {way}, and is compared at the same moment: {names}")
+    if fleet.held:
+        names = ", ".join(fleet.vehicles[v] for v in fleet.held)
+        out.append(f"power is new every {fleet.update:.1f} s only, and repeated in between: {names}")
     if fleet.rarely_placed:
         out.append(NOTES["rarely"])
     if len({d.vehicle for d in fleet.days}) == 1:

@@ -97,7 +97,9 @@ def examine(fleet: Fleet, split: Split, only: tuple[str, ...] = ()) -> tuple[Fle
     if {"clock", "mean"} & set(terms) and (clock := _clock(fleet, split, terms)):
         faults.append(clock[0])
         fleet = replace(clock[1], load_with_power=_load_runs_with_power(clock[1]))
-    return fleet, faults
+    # A value that is held stands for the time about the first row that has it.
+    lag = {v: fleet.lag.get(v, 0.0) + 0.5 * (held - fleet.step) for v, held in fleet.held.items()}
+    return replace(fleet, lag=fleet.lag | lag), faults
 
 
 def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, Fleet] | None:
@@ -128,7 +130,8 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, F
         error = max(finest, _spread([k.interval for k in every]))
         off = replace(late, by_vehicle=told, error=error, all_vehicles=len(told) == len(middle))
         averaged = fault("mean", off, [k.averaged for k in every])
-        return averaged, replace(fleet, lag=dict.fromkeys(told, 0.5 * fleet.step), interval=told)
+        lag = {v: 0.5 * (interval if v in fleet.held else fleet.step) for v in told}
+        return averaged, replace(fleet, lag=lag, interval=told)
     if "clock" not in terms:
         return None
     late = replace(late, error=max(late.error, finest))
@@ -167,7 +170,7 @@ def _spread(values: list[float]) -> float:
 
 def _looked(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Look]]:
     some = fleet.some(LOOKED_AT)
-    blocks = (fleet.block(d.vehicle, d.load()) for k, d in fleet.on(date) if k in some)
+    blocks = (fleet.merged(fleet.block(d.vehicle, d.load())) for k, d in fleet.on(date) if k in some)
     return [(b.vehicle, look) for b in blocks for look in _looks(b, fleet, split)]
 
 
