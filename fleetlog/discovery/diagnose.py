@@ -11,7 +11,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import percent
 from fleetlog.discovery.channels.base import Channel, lay_out
 from fleetlog.discovery.channels.choose import CHANNELS, ROWS, channel_of, present
-from fleetlog.discovery.explain import Explained, Searched, Task, explain, searched, task
+from fleetlog.discovery.explain import Explained, Searched, Task, explain, searched, task, unseen
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import COLUMNS, Fleet, absences, read_fleet
 from fleetlog.discovery.recording.sensors import Fault, examine
@@ -59,7 +59,7 @@ def diagnose(
     fleet = read_fleet(dataset, truck, site, without)
     split = _split(fleet, holdout, settings, seed)
     progress("sensors")
-    fleet, faults = examine(fleet, split, tuple(terms))
+    logged, (fleet, faults) = fleet, examine(fleet, split, tuple(terms))
     progress("windows")
     found = [channel_of(name, fleet, base, settings, split) for name in present(fleet, channels)]
     if not found:
@@ -82,6 +82,9 @@ def diagnose(
     with closing(engines.current().run(search, [longest], _name, beside)) as results:
         conclude(longest, *results)
     explained = {c.name: explained[c.name] for c in found}
+    for e in [explained[f.channel] for f in faults if f.channel in explained]:
+        # The nominal model knows of no fault of a logger.
+        e.fit.before = unseen(channel_of(e.fit.name, logged, base, settings, split), e.before)
     return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, fleet)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -42,6 +43,7 @@ class Explained:
     numbers: dict[Knob, Parameter]
     unexplained: bool
     slight: tuple[Hypothesis, float] | None = None  # What is no finding as it moves no more than this share
+    bare: Model | None = None  # What is written, without what was found
     strain: float = 0.0  # Share by which tolerances move the model together, more than by chance
 
 
@@ -123,7 +125,8 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
         findings.append(_finding(problem, found, h, where, when, scope, parameters, own))
     after = final.model
     if (lost := channel.lost(after)) is not None and others.counts(lost, settings):
-        findings.append(others.of_lost(lost, channel, _with_traffic(problem, after, fit, lost.p_value)))
+        own = Errors(fit.metric, unseen(channel, after, disturbed=True), fit.after, lost.p_value)
+        findings.append(others.of_lost(lost, channel, own))
         values[findings[-1].term] = others.values(lost)
         after = after.with_field(findings[-1].term, others.values(lost).deviation)
     if not beside and problem.split.kind != "stretches" and others.lasts(lasting, channel, settings):
@@ -131,6 +134,8 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     order = sorted(findings, key=lambda f: -f.strength)
     # What predicts worse than the nominal model, all together, explains nothing.
     worse = bool(fit.before and fit.after and fit.after > settings.at_floor * fit.before)
+    if after is not final.model:  # The nominal model knows of no other vehicle in the way.
+        fit.before = unseen(channel, before.model, disturbed=True)
     unexplained = worse or (rest is not None and _above_floor(problem, rest, fit.floor))
     if not findings and not unexplained:
         fit.reason = fit.reason or _hidden(asked, fit.floor)
@@ -139,10 +144,12 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     small = [
         {"name": f"{k.term}.{k.parameter}", "vehicle": None if k.scope.one is None else trucks[k.scope.one],
          "value": n.value, "low": n.low, "high": n.high, "unit": n.unit}
-        for k, n in numbers.items() if k not in taken and k in final.model.at
+        for k, n in numbers.items()
+        if k not in taken and k in final.model.at and k.definition.low < n.value < k.definition.high
     ]  # fmt: skip
+    bare = reduce(lambda model, h: replace(final, model=model).without(h), named, final.model)
     off = strain(sample, final) if channel.bends else 0.0  # How trucks are driven is a habit
-    told_of = order, small, values, numbers, unexplained, found.slight, off
+    told_of = order, small, values, numbers, unexplained, found.slight, bare, off
     return Explained(problem, before.model, after, fit, *told_of)
 
 
@@ -153,14 +160,14 @@ def _on_all(asked: Task, joint: Joint, kept: Sequence[Hypothesis]) -> Joint:
     return joint if asked.share >= 1.0 else refit(asked.problem, joint.model, kept, steps=1)
 
 
-def _with_traffic(problem: Problem, model: Model, fit: ChannelFit, p_value: float) -> Errors:
-    """The error on held-out trips with the windows in which other vehicles were in the way, and without."""
+def unseen(channel: Channel, model: Model, disturbed: bool = False) -> float | None:
+    """Return a model's error on held-out trips; ``disturbed``: also while other vehicles were in the way."""
     off, size = 0.0, 0.0
-    for unit in problem.channel.units():
-        use = (unit.fold == HELD_OUT) & (unit.recorded > 0.0)
-        off += float(((unit.recorded - problem.channel.predict(unit, model))[use] ** 2).sum())
+    for unit in channel.units():
+        use = (unit.fold == HELD_OUT) & (unit.recorded > 0.0 if disturbed else unit.whole)
+        off += float(((unit.recorded - channel.predict(unit, model))[use] ** 2).sum())
         size += float((unit.recorded[use] ** 2).sum())
-    return Errors(fit.metric, float(np.sqrt(off / size)) if size else None, fit.after, p_value)
+    return float(np.sqrt(off / size)) if size else None
 
 
 def _within_tolerance(base: Model, numbers: dict[Knob, Parameter], h: Hypothesis) -> bool:

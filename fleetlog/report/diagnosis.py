@@ -66,11 +66,11 @@ def diagnosis_page(d: Diagnosis, drawn: Result, site: Site) -> str:
 def _cost(d: Diagnosis) -> list[str]:
     """What the effects found add to the energy of the recording."""
     e = d.channels.get("battery_power") or d.channels.get("soc")
-    if e is None or all(f.term == "unknown" for f in e.findings):
+    if e is None or e.bare is None or all(f.term == "unknown" for f in e.findings):
         return []
     channel, added, whole = e.problem.channel, 0.0, 0.0
     for unit in channel.units():
-        more = channel.predict(unit, e.after) - channel.predict(unit, e.before)
+        more = channel.predict(unit, e.after) - channel.predict(unit, e.bare)
         added, whole = added + float(more[unit.whole].sum()), whole + float(unit.recorded[unit.whole].sum())
     if not whole > 0.0:
         return []

@@ -756,4 +756,5 @@ def test_what_has_no_name_still_has_its_place() -> None:
     (row,) = where["edges"]
     assert (row["from"], row["to"]) == (cells.start[1], cells.end[2])
     assert row["low"] < row["value"] < row["high"] and row["value"] == pytest.approx(1000.0)
-    assert where["extent"] == pytest.approx([*cells.middle[1:3].min(axis=0), *cells.middle[1:3].max(axis=0)])
+    ends = cells.network.position(cells.road_edge[[1, 2]], np.array([cells.start[1], cells.end[2]]))[:, :2]
+    assert where["extent"] == pytest.approx([*ends.min(axis=0), *ends.max(axis=0)])

@@ -65,6 +65,14 @@ class Cells(ABC):
             total += np.where(number >= 0, values[np.maximum(number, 0)] * weight, 0.0)
         return total
 
+    def extent(self, which: Mask) -> list[float]:
+        """Return the least and the largest x and y of some cells, (C,), as the contract writes them."""
+        corners = self._corners(which)
+        return [*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()]
+
+    @abstractmethod
+    def _corners(self, which: Mask) -> Floats: ...
+
     @property
     def root(self) -> Floats:
         """L (values, modes) with L L' the prior covariance of the values."""
@@ -151,6 +159,11 @@ class Stretches(Cells):
             out[run] = not (short and border[run[0]] != border[run[-1] + 1])
         return out
 
+    def _corners(self, which: Mask) -> Floats:
+        edge, ends = self.road_edge[which], (self.start[which], self.end[which])
+        ways = [self.network.position(edge, offset)[:, :2] for offset in ends]
+        return np.concatenate([self.middle[which], *ways])
+
     def directions(self) -> tuple[Floats, Floats]:
         """Return the values of an odd field of slope 1 to the east, and to the north."""
         heading = self.network.heading(self.road_edge, (self.start + self.end) / 2.0)
@@ -212,6 +225,9 @@ class Squares(Cells):
         east = np.where(cell >= 0, 2 * cell, -1).astype(np.int32)
         north = np.where(cell >= 0, 2 * cell + 1, -1).astype(np.int32)
         return [(east, np.cos(motion.heading)), (north, np.sin(motion.heading))]
+
+    def _corners(self, which: Mask) -> Floats:
+        return np.concatenate([self.middle[which] + s * self.side / 2.0 for s in (-1.0, 1.0)])
 
     def directions(self) -> tuple[Floats, Floats]:
         """Return the values of an odd field of slope 1 to the east, and to the north."""

@@ -84,7 +84,7 @@ def told(cells: Cells, v: Values, h: Hypothesis) -> tuple[dict[str, Any] | None,
     if not mask.any():
         mask = np.abs(v.deviation) >= LARGE * float(np.abs(v.deviation).max(initial=0.0))
     rows = _merged(cells, v, mask, h.physics) if isinstance(cells, Stretches) else []
-    where = {"edges": rows, "extent": extent(cells.middle[mask])}
+    where = {"edges": rows, "extent": cells.extent(mask)}
     return (None if even and not rows else where), [_size(cells, v, mask, h.physics)] if h.physics else []
 
 
@@ -109,11 +109,6 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
         run = max(cells.runs(mask, np.sign(v.deviation)), key=lambda r: float(v.deviation[r].sum()))
     value, error = v.of(run, whole=waits)
     return interval(first, first.scaled(first.neutral) + value, error, first.neutral)
-
-
-def extent(middle: Floats) -> list[float]:
-    """Return the least and the largest x and y of some cells, as the contract writes them."""
-    return [*middle.min(axis=0).tolist(), *middle.max(axis=0).tolist()]
 
 
 def row(cells: Stretches, run: Indices, value: float, low: float, high: float) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.model import FLEET
 from fleetlog.discovery.recording.sensors import Fault
 from fleetlog.discovery.report import finding, words
-from fleetlog.discovery.report.fields import Values, extent, row
+from fleetlog.discovery.report.fields import Values, row
 from fleetlog.discovery.report.finding import NORMAL, Errors, Finding, Parameter, interval
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.power import all_terms
@@ -27,7 +27,7 @@ def of_fault(fault: Fault, vehicles: Sequence[str]) -> Finding:
     errors = Errors(fault.metric, fault.before, fault.after, off.p_value)
     found = _finding(term, fault.channel, number, errors, None, 1.0 + fault.before)
     by_name = {vehicles[v]: float(x) for v, x in off.by_vehicle.items()}
-    found.when = {"vehicles": by_name}
+    found.when = {"vehicles": by_name} if len(set(by_name.values())) > 1 else None
     found.scope["vehicles"] = None if off.all_vehicles else sorted(by_name)
     return found
 
@@ -92,4 +92,4 @@ def _where(lost: Lost, lanes: Stretches) -> dict[str, Any]:
         half = NORMAL * float(np.sqrt((lost.spread[run] ** 2).sum()))
         ends = max(seconds - half, 0.0) / time, (seconds + half) / time
         rows.append((seconds, row(lanes, run, seconds / time, *ends)))
-    return {"edges": [r for _, r in sorted(rows, key=lambda r: -r[0])], "extent": extent(lanes.middle[keep])}
+    return {"edges": [r for _, r in sorted(rows, key=lambda r: -r[0])], "extent": lanes.extent(keep)}
