@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -37,7 +38,8 @@ def diagnosed(shared_data: Path, tmp_path_factory: pytest.TempPathFactory):
             fleetlog(call, standalone_mode=False)
         for name in ("diagnosis.json", "model.toml", "report.html", "recording.rrd", "fields"):
             assert (out / "d" / name).exists()
-        return json.loads(text.getvalue())
+        page = (out / "d" / "report.html").read_text(encoding="utf-8")
+        return json.loads(text.getvalue()) | {"page": page}
 
     return run
 
@@ -50,6 +52,15 @@ def test_the_key_is_found(case: str, diagnosed, shared_data: Path) -> None:
     terms = [f["term"] for f in found["findings"]]
     assert terms == ([] if CASES[case] is None else [CASES[case]])
     assert found["verdict"] == ("none" if CASES[case] is None else "found")
+    better = [c["after"] < 0.8 * c["before"] for c in found["channels"]]
+    assert any(better) == (CASES[case] is not None)
+    bounds = [
+        1.0 for a in found["adjustments"] if a["name"] == "rotational_inertia.factor" and a["value"] == 1.0
+    ]
+    assert not bounds
+    if case == "aux":  # 262 W in twelve hours; what tolerances would say instead is no saving
+        told = float(re.search(r"Together they add ([0-9.]+) kWh", found["page"])[1])
+        assert told == pytest.approx(3.15, rel=0.1)
     if case in NUMBER:
         name, true = NUMBER[case]
         parameter = next(p for p in found["findings"][0]["parameters"] if p["name"] == name)
