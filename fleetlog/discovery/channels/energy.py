@@ -260,7 +260,7 @@ class EnergyChannel(Channel):
         day, of = np.unique((block.time // 86400.0).astype(np.int64), return_inverse=True)
         begins = np.array([self.fleet.begins[block.vehicle, int(d)] for d in day])
         return {
-            "speed": block.rows(m.speed), "payload": m.payload[first],
+            "speed": block.rows(m.speed), "time since departure": block.since, "payload": m.payload[first],
             "acceleration": block.rows(m.acceleration), "curvature": block.rows(np.abs(m.curvature)),
             "ambient_temperature": m.ambient_temperature[first], "soc": block.soc,
             "time": (block.time / 3600.0) % 24.0, "time since start": (block.time - begins[of]) / 3600.0,

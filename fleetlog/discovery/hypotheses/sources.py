@@ -24,8 +24,11 @@ SLOW = frozenset({"ambient_temperature", "time", "soc", "day", "time since start
 """Variables that change over hours: whole stretches of hours are their independent samples, not trips."""
 LEAST_RANGE = {"payload": 50.0, "soc": 0.02, "ambient_temperature": 1.5}
 """A variable that moves less is constant; 0.1 of any other."""
-PLACED = {"acceleration": (-0.8, -0.4, -0.1, 0.1, 0.4, 0.8), "lift_speed": (-0.5, -0.25, 0.0, 0.25, 0.5)}
-"""Knots of variables that are near zero most of the time; quantiles of the others."""
+PLACED = {
+    "acceleration": (-0.8, -0.4, -0.1, 0.1, 0.4, 0.8), "lift_speed": (-0.5, -0.25, 0.0, 0.25, 0.5),
+    "time since departure": (0.0, 5.0, 10.0, 20.0, 40.0, 80.0),
+}  # fmt: skip
+"""Knots of variables that are near zero most of the time, or fade; even ones for the others."""
 KNOTS = 6
 
 
@@ -174,6 +177,9 @@ def energy_curves(
     """Return the free curves of an energy channel; ``trips`` names those with a value of their own."""
     out = [FreeCurve("force", ("heading",), (), 4), FreeCurve("still", (), ())]
     for name, k in knots.items():
+        if name == "time since departure":
+            out.append(FreeCurve("moving", (name,), (k,)))
+            continue
         if name not in ("lift_speed", "fork_height"):
             out.append(FreeCurve("force", (name,), (k,)))
         if name in SLOW:

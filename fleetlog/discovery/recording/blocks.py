@@ -46,7 +46,7 @@ class Block:
     growing.
     likely : (n,) the likeliest accelerations, which those of ``motion`` lie above and below.
     time, seconds, power, soc : (rows,) stamp [s since the epoch], time it stands for [s], the recorded
-    channels [W, 1].
+    channels [W, 1];  since : (rows,) time since the vehicle set off [s], NaN where it stands.
     trip : (rows,) codes, unique over vehicles;  vehicle, day : codes.
     known : how well the motion is known, four times the memory of all else; None once it is put away."""
 
@@ -57,6 +57,7 @@ class Block:
     seconds: Floats
     power: Floats
     soc: Floats
+    since: Floats
     trip: Ints
     vehicle: int
     day: int
@@ -115,11 +116,13 @@ def block(
     time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
     power = np.zeros(len(time))
     power[r.row] = r.motion.power
+    moves = np.bincount(r.row, r.motion.speed * r.motion.dt, len(time)) > 0.0
+    stood = np.maximum.accumulate(np.where(moves, -np.inf, time))
     motion = narrow(r.motion.replaced(time=r.motion.time + time[0], vehicle=np.full(len(r.motion), vehicle)))
     return Block(
         motion, r.row.astype(np.int32), r.likeliest.acceleration.astype(np.float32), time, r.dt_row, power,
-        trajectory.floats("soc"), trajectory.trip_ids() + TRIP * vehicle, vehicle,
-        int(trajectory.time[0] // DAY), r,
+        trajectory.floats("soc"), np.where(moves & np.isfinite(stood), time - stood, np.nan),
+        trajectory.trip_ids() + TRIP * vehicle, vehicle, int(trajectory.time[0] // DAY), r,
     )  # fmt: skip
 
 
@@ -145,7 +148,7 @@ def merged(block: Block, mean_of: float, held: float = 0.0) -> Block:
         time=block.time[last - size + 1] if held else np.bincount(group, block.time) / size,
         seconds=np.bincount(group, block.seconds).astype(np.float64),
         power=np.where((size == count) | (held > 0.0), mean, np.nan),
-        soc=np.bincount(group, block.soc) / size, trip=block.trip[last],
+        soc=np.bincount(group, block.soc) / size, since=block.since[last - size + 1], trip=block.trip[last],
     )  # fmt: skip
 
 
