@@ -139,8 +139,10 @@ class Hypothesis:
 
     @property
     def slow(self) -> bool:
-        """Whether it follows something that changes over hours."""
-        return bool(SLOW & set(self.depends_on)) and not self.field and not self.patterns
+        """Whether it follows something that changes over hours; of some trucks it is told by the others,
+        at the same hours."""
+        of_trucks = bool(self.scope.vehicles) and not self.scope.timed
+        return bool(SLOW & set(self.depends_on)) and not (self.field or self.patterns or of_trucks)
 
     @property
     def numbers(self) -> int:
