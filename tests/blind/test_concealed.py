@@ -176,3 +176,32 @@ def test_trucks_that_are_heavier_than_the_others_are_told_together(
     (mass,) = only["parameters"]
     nominal = load_truck(shared_data / folder / "truck.toml").chassis.mass
     assert mass["low"] <= 1.2 * nominal <= mass["high"]
+
+
+def told(folder: Path, *columns: pl.Expr) -> dict[str, Any]:
+    """The diagnosis of a clean recording with other columns."""
+    table = pl.read_csv(folder / "recorded.csv.gz", infer_schema_length=20_000)
+    return diagnosed_as(folder, table.with_columns(*columns).write_csv)
+
+
+def test_a_small_battery_of_one_truck_is_told_through_coarse_steps(shared_data: Path) -> None:
+    """Its charge falls by a quarter more: a resistance would take less of it where less power is drawn."""
+    soc, first = pl.col("soc"), pl.col("soc").first().over("vehicle_id")
+    own = pl.col("vehicle_id") == pl.col("vehicle_id").min()
+    fallen = pl.when(own).then(first + (soc - first) / 0.8).otherwise(soc)
+    found = told(shared_data / "blind" / "none", fallen.round(3).alias("soc"))["findings"]
+    (only,) = found
+    assert only["term"] == "battery_capacity" and len(only["scope"]["vehicles"]) == 1
+    truck = load_truck(str(shared_data / "blind" / "none" / "truck.toml"))
+    (number,) = only["parameters"]
+    assert number["low"] <= 0.8 * truck.battery.capacity_wh <= number["high"]
+
+
+@pytest.mark.parametrize("rows", [2, 5])
+def test_a_power_that_is_repeated_is_nothing_missing(shared_data: Path, rows: int) -> None:
+    """Values of a slow bus beside fast positions are of their first row, and no mean of the last seconds."""
+    first = pl.int_range(pl.len()) // rows * rows
+    power = pl.col("battery_power").gather(first).over("vehicle_id")
+    said = told(shared_data / "engine" / "clean", power)
+    assert said["findings"] == [] and said["verdict"] == "none"
+    assert any("repeated in between" in note for note in said["notes"])
