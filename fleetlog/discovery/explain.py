@@ -129,8 +129,9 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
         findings.append(others.of_lost(lost, channel, own))
         values[findings[-1].term] = others.values(lost)
         after = after.with_field(findings[-1].term, others.values(lost).deviation)
-    if not beside and problem.split.kind != "stretches" and others.lasts(lasting, channel, settings):
-        findings.append(others.of_lasting(lasting, fit))
+    evident = [one for one in lasting if others.lasts(one, channel, settings)]
+    if not beside and problem.split.kind != "stretches" and evident:
+        findings.append(others.of_lasting(evident, fit, channel.fleet.vehicles))
     order = sorted(findings, key=lambda f: -f.strength)
     # What predicts worse than the nominal model, all together, explains nothing.
     worse = bool(fit.before and fit.after and fit.after > settings.at_floor * fit.before)

@@ -150,3 +150,15 @@ def test_a_gross_error_among_alike_windows_does_not_lower_the_noise_floor() -> N
         plain = noise_floor(x, residual, np.arange(400) // 5, wanted)
         residual[one] += 40.0
         assert noise_floor(x, residual, np.arange(400) // 5, wanted) > 0.8 * plain
+
+
+def test_a_load_that_goes_on_and_off_is_told_at_rest() -> None:
+    """Windows in a row share what is on for minutes; noise of one is gone with the next."""
+    rng = np.random.default_rng(3)
+    energy, noise = np.full(600, 5.0), rng.normal(0.0, 0.3, 600)
+    on = np.where(np.arange(600) % 60 < 12, 8.0, 0.0)
+    each = np.arange(600)
+    told, none = (lasting(common(v, energy, each), 2) for v in (on + noise, noise))
+    assert told.vehicle == 2 and told.p_value < 1e-3
+    assert told.share == pytest.approx(float(np.std(on)) / 5.0, rel=0.15)
+    assert none.p_value > 0.02 or none.share < 0.02

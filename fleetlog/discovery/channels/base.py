@@ -153,6 +153,10 @@ class Channel(ABC):
         """Return what other vehicles cost beyond a model; None where the channel cannot see that."""
         return None
 
+    def rests(self, unit: Unit) -> Mask:
+        """Return the windows, (W,), in which nothing moves; none where the channel cannot tell."""
+        return np.zeros(len(unit.windows), bool)
+
     @abstractmethod
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return what makes windows alike, (W, features), for the noise floor; no candidate looks at it."""

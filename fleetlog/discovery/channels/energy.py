@@ -270,6 +270,12 @@ class EnergyChannel(Channel):
             "trip_id": np.searchsorted(np.array(self.fleet.own_trips, np.int64), block.trip).astype(float),
         }  # fmt: skip
 
+    def rests(self, unit: Unit) -> Mask:
+        """Return the windows, (W,), in which nothing moves; none of a charge, which is too coarse."""
+        m, c = unit.own.motion, unit.own
+        moves = c.energy(np.where((m.speed > 0.0) | (m.lift_speed != 0.0), 1.0, 0.0))
+        return np.asarray((moves == 0.0) & (self.name == "battery_power"))
+
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load, pace, time and nominal energy: what makes two windows alike."""
         c: Cut = unit.own

@@ -54,10 +54,12 @@ class Errors:
 @dataclass(frozen=True)
 class Lasting:
     """What trips in a row have in common beyond a model: a ``share`` (root mean square) of their energy or
-    time, and how likely that is chance. Noise of a trip ends with it; what is missing may last."""
+    time, and how likely that is chance; or of a ``vehicle`` while it is at rest. Noise of a trip, or of ten
+    seconds, ends with it; what is missing may last."""
 
     share: float = 0.0
     p_value: float = 1.0
+    vehicle: int | None = None
 
 
 @dataclass

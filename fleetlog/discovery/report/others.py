@@ -9,7 +9,7 @@ from fleetlog.core.words import percent
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.paths import Lost
 from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
-from fleetlog.discovery.model import FLEET
+from fleetlog.discovery.model import FLEET, Scope
 from fleetlog.discovery.recording.sensors import Fault
 from fleetlog.discovery.report import finding, words
 from fleetlog.discovery.report.fields import Values, row
@@ -59,15 +59,21 @@ def lasts(lasting: finding.Lasting, channel: Channel, settings: Settings) -> boo
     return evident and lasting.share > max(settings.material, channel.model_error)
 
 
-def of_lasting(lasting: finding.Lasting, fit: finding.ChannelFit) -> Finding:
-    """Return the finding of what outlasts trips, and follows nothing that was recorded."""
-    errors = Errors(fit.metric, fit.after, fit.after, lasting.p_value)
-    what = f"{percent(lasting.share)} of their {'time' if fit.name == 'speed' else 'energy'}"
+def of_lasting(evident: Sequence[finding.Lasting], fit: finding.ChannelFit, trucks: Sequence[str]) -> Finding:
+    """Return the finding of what outlasts trips, or stands, and follows nothing that was recorded."""
+    most = max(evident, key=lambda one: one.share)
+    errors = Errors(fit.metric, fit.after, fit.after, most.p_value)
+    what = f"{percent(most.share)} of their {'time' if fit.name == 'speed' else 'energy'}"
     text = f"Trips in a row differ from the model alike, by {what}: something lasts that no column shows"
+    if most.vehicle is not None:
+        what = f"by {percent(most.share)} of the mean power"
+        text = f"At rest, power differs from the model for a time, {what}: something goes on and off unseen"
+    odd = tuple(one.vehicle for one in evident if one.vehicle is not None)
+    whose = Scope(odd) if most.vehicle is not None and 2 * len(odd) <= len(trucks) else FLEET
     needs = "record what is switched on and off (heaters, pumps, brakes) as columns of the log"
     return Finding(
-        "unknown", fit.name, text, [], needs, ["time"], None, None, words.scope(FLEET, ()), [],
-        errors.evidence([]), errors.fit, lasting.share,
+        "unknown", fit.name, text, [], needs, ["time"], None, None, words.scope(whose, trucks), [],
+        errors.evidence([]), errors.fit, most.share,
     )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ FEWEST = 50  # Windows from which on a noise floor is told
 def judge(
     problem: Problem, before: Model, after: Joint, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
     Joint], strongest: Sequence[Joint] = (), share: float = 1.0,
-) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None, Lasting]:  # fmt: skip
+) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None, list[Lasting]]:  # fmt: skip
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
     ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
     hides, as far as it is beyond chance. ``strongest`` are two fits that differ by the hypothesis which says
@@ -37,7 +37,7 @@ def judge(
     modelled, concealed, left = *pooled[:2], energy - pooled[-1]
     if not len(energy) or not energy.any():
         reason = "too few trips to hold some out; record more"
-        return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None, Lasting()
+        return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None, []
     size, new = float(np.sqrt(np.mean(energy**2))), energy - modelled
 
     def error(residual: Floats) -> float:
@@ -94,24 +94,29 @@ def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], uni
     return np.concatenate([none, *(heard(u) for u in problem.held_out(units))], axis=1)
 
 
-def _floor(problem: Problem, model: Model, share: float) -> tuple[float | None, Lasting]:
-    """The noise in the windows held out beyond a model, None where it is not known; and what lasts."""
+def _floor(problem: Problem, model: Model, share: float) -> tuple[float | None, list[Lasting]]:
+    """The noise in the windows held out beyond a model, None where it is not known; and what lasts, in trips
+    in a row, and of every vehicle while it is at rest."""
     parts = problem.channel.each(partial(_left, problem, model, share))
-    of_features, of_windows, of_trips = zip(*chain.from_iterable(parts), strict=True)
+    of_features, of_windows, of_trips, at_rest, whose = zip(*chain.from_iterable(parts), strict=True)
     features, told, sums = np.concatenate(of_features), np.concatenate(of_windows), np.sum(of_trips, axis=0)
+    rests = {v: np.zeros(3) for v in sorted(set(whose))}
+    for vehicle, own in zip(whose, at_rest, strict=True):
+        rests[vehicle] += own
     residual, trip, held, noise = told.T
     wanted = held > 0.0
     repeated = noise_floor(features, residual, trip, wanted)
     # Alike windows repeat what the uncertainty of their motion does to them; that part is known without them.
     floor = None if repeated is None else max(repeated, float(np.sqrt(np.mean(noise[wanted]))))
-    return floor, lasting(sums)
+    return floor, [lasting(sums), *(lasting(own, v) for v, own in rests.items())]
 
 
 def _left(
     problem: Problem, model: Model, share: float, units: Iterable[Unit]
-) -> list[tuple[Floats, Floats, Floats]]:
+) -> list[tuple[Floats, Floats, Floats, Floats, int]]:
     """(W, d) features of the windows of units; (W, 4) what a model leaves of them, their trips, whether they
-    are held out, and the noise that is known; and what the others have in common with those next to them."""
+    are held out, and the noise that is known; what the other trips, and windows at rest, have in common with
+    those next to them; and the vehicle."""
     out = []
     for unit in units:
         left, held = unit.recorded - problem.channel.predict(unit, model), unit.fold == HELD_OUT
@@ -119,7 +124,14 @@ def _left(
         told = np.column_stack([left, problem.split.unit(unit.windows), held, unit.noise])
         read = unit.whole & ~held
         in_a_row = common(left[read], unit.recorded[read], unit.windows.trip[read])
-        out.append((problem.channel.features(unit, model)[use], told[use], in_a_row))
+        rest, w = read & problem.channel.rests(unit), unit.windows
+        usual = unit.recorded[read].sum() / max(float(w.duration[read].sum()), 1e-9) * w.duration[rest]
+        # Nothing between two stands has nothing in common with either.
+        apart = np.flatnonzero(np.diff(w.time[rest]) > 1.5 * w.duration[rest][1:]) + 1
+        own, usual = (np.insert(v, apart, 0.0) for v in (left[rest], usual))
+        at_rest = common(own, usual, np.arange(len(own)))
+        features = problem.channel.features(unit, model)[use]
+        out.append((features, told[use], in_a_row, at_rest, int(w.vehicle[0])))
     return out
 
 
@@ -127,6 +139,8 @@ def common(left: Floats, energy: Floats, trip: Ints) -> Floats:
     """Return (3,) sums over the trips of a day that follow one another: of products of what is left of their
     energies, of the squares of these, and of products of energies. All arrays (W,), in the order of time.
     What all trips of the day have in common is taken off."""
+    if not len(trip):
+        return np.zeros(3)
     begin = np.flatnonzero(np.diff(trip, prepend=-1))
     rest, whole = (np.add.reduceat(v, begin) for v in (left, energy))
     rest = rest - whole * (rest.sum() / max(float(whole.sum()), 1e-12))
@@ -134,10 +148,10 @@ def common(left: Floats, energy: Floats, trip: Ints) -> Floats:
     return np.array([both.sum(), (both**2).sum(), np.abs(whole[1:] * whole[:-1]).sum()])
 
 
-def lasting(sums: Floats) -> Lasting:
-    """Return what such sums say, of one day or added over many."""
+def lasting(sums: Floats, vehicle: int | None = None) -> Lasting:
+    """Return what such sums say, of one day or added over many; of windows of a ``vehicle`` at rest."""
     both, scatter, energy = np.maximum(sums, [sums[0], 1e-300, 1e-300])
-    return Lasting(float(np.sqrt(max(both, 0.0) / energy)), float(ndtr(-both / np.sqrt(scatter))))
+    return Lasting(float(np.sqrt(max(both, 0.0) / energy)), float(ndtr(-both / np.sqrt(scatter))), vehicle)
 
 
 def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) -> float | None:
