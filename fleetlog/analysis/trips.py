@@ -54,8 +54,8 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
     bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
     at = real[["x_end", "y_end"]].to_numpy(float)
     ends = Marks("trip ends", at, ("",) * len(at), np.full(len(at), 0.3))
-    tables = {"trips": table, "pairs": pairs}
-    return Result("trips", summary, tables, {}, [_flows(dataset, real), ends, bars], _lines(summary, pairs))
+    tables, lines = {"trips": table, "pairs": pairs}, _lines(summary, pairs, min_distance)
+    return Result("trips", summary, tables, {}, [_flows(dataset, real), ends, bars], lines)
 
 
 def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
@@ -64,16 +64,18 @@ def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
     ends = []
     for name, side in (("from_place", "start"), ("to_place", "end")):
         square = np.floor(table[[f"x_{side}", f"y_{side}"]].to_numpy(float) / SQUARE) * SQUARE + 0.5 * SQUARE
-        known = [spots.get(p, (np.nan, np.nan)) for p in table[name]]
-        ends.append(np.where(np.isfinite(known), known, square).reshape(-1, 2))
-    way, count = np.unique(np.hstack(ends).reshape(-1, 4), axis=0, return_counts=True)
+        known = np.reshape([spots.get(p, (np.nan, np.nan)) for p in table[name]], (-1, 2))
+        ends.append(np.where(np.isfinite(known), known, square))
+    way, count = np.unique(np.hstack(ends), axis=0, return_counts=True)
     real = (way[:, :2] != way[:, 2:]).any(axis=1) & np.isfinite(way).all(axis=1)
     most = np.flatnonzero(real)[np.argsort(-count[real], kind="stable")][:MOST_FLOWS]
     return Flows("trips between places", way[most, :2], way[most, 2:], count[most].astype(float), "trips")
 
 
-def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
+def _lines(s: dict[str, Any], pairs: pd.DataFrame, shortest: float) -> list[str]:
     short = f", {n:,} of them only shunting" if (n := s["trips"] - s["trips_driven"]) else ""
+    if not s["trips_driven"]:
+        short = f", none of {shortest:g} m or more"
     out = [
         f"{count(s['vehicles'], 'truck')} made {count(s['trips'], 'trip')}{short}: "
         f"{s['distance_m'] / 1000.0:.1f} km in {s['driving_time_s'] / 3600.0:.1f} h of driving."
