@@ -3,8 +3,8 @@
 A truck is a capsule, ``length`` by ``width``: two discs at its ends stand for it on a collision course.
 
 - *Time to collision* (Hayward 1972): how long until two trucks touch if both go on as they do.
-- *Post-encroachment time* (Allen, Shin and Cooper 1978): how long after one truck has left a spot of the
-  floor another one comes to it on a crossing way.
+- *Post-encroachment time* (Allen, Shin and Cooper 1978): how long after the tail of one truck has left a
+  spot of the floor the nose of another one comes to it on a crossing way.
 
 Both need clocks that agree among the trucks."""
 
@@ -27,13 +27,11 @@ from fleetlog.store.events import read_table
 
 STEP = 0.25  # Of the common time grid [s]
 LONGEST_GAP = 2.5  # Between rows farther apart nobody knows where a truck was to a second [s]
-CELL = 1.0  # Side of a spot on the floor [m]
 SAME = 5.0  # Two moments of one pair within this are one near miss [s]
 MOVING = 0.5  # A truck that is slower does not cross another's way [m/s]
 IN_BAY = 0.5  # A truck that stands nearer to the middle of a bay is in it [m]
 CHUNK = int(600.0 / STEP)  # Steps that are compared at once
-PLACE = ("x", "y", "heading")
-COLUMNS = (*PLACE, "speed")
+COLUMNS = ("x", "y", "heading", "speed")
 TABLE = ("start", "vehicle_a", "vehicle_b", "ttc_s", "pet_s", "kind", "closing_speed", "x", "y")
 WORST = 12
 RAW = ("time", "a", "b", "ttc", "pet", "angle", "closing", "x", "y")
@@ -62,8 +60,7 @@ def near_misses(
         for first in range(fleet["step"].min(), fleet["step"].max() + 1, CHUNK):
             part = fleet[fleet["step"].between(first, first + CHUNK + round(pet / STEP), "left")]
             found.append(_collisions(part, ttc, closing, length, width))
-            # Two grids, as a way along the border of cells is in either of them.
-            found += [_crossings(part, pet, length, shift) for shift in (0.0, 0.5 * CELL)]
+            found.append(_crossings(part, pet, length))
     table = _events(np.concatenate(found), dataset.vehicles)
     kinds = {str(k): int(n) for k, n in table["kind"].value_counts().sort_index().items()}
     summary = {
@@ -111,7 +108,7 @@ def _fleets(dataset: Dataset) -> Iterator[pd.DataFrame]:
 def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Mask:
     """(N,) whether a place is known, and is no bay of a simulation in which the truck stands: its bays lie
     beside the road, also where those drawn after a recording are on it."""
-    known: Mask = np.logical_and.reduce([np.isfinite(t.floats(c)) for c in PLACE])
+    known: Mask = np.isfinite(t.floats("x")) & np.isfinite(t.floats("y"))
     stands = t.floats("speed") <= MOVING
     for x, y in [] if bays is None else bays[["x", "y"]].to_numpy(float):
         known &= ~(stands & (np.hypot(t.floats("x") - x, t.floats("y") - y) < IN_BAY))
@@ -119,14 +116,18 @@ def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Mask:
 
 
 def _gridded(t: Trajectory) -> pd.DataFrame:
-    """Rows by ``step`` (``STEP`` seconds since 1970): place [m], direction (unit vector), speed [m/s]."""
+    """Rows by ``step`` (``STEP`` seconds since 1970): place [m], direction (unit vector; 0 of a truck whose
+    heading was never known: it is a disc), speed [m/s]."""
     x, y, heading, speed = (t.floats(c) for c in COLUMNS)
     size = round(STEP * 1e6)
     step = np.arange(-(-t.time[0] // size), t.time[-1] // size + 1)
     after = np.maximum(np.searchsorted(t.time, step * size), 1)
     step = step[t.time[after] - t.time[after - 1] <= LONGEST_GAP * 1e6]
-    values = (x, y, np.cos(heading), np.sin(heading), np.nan_to_num(speed))
-    x, y, east, north, speed = (np.interp(step * size, t.time, v) for v in values)
+    x, y, speed = (np.interp(step * size, t.time, v) for v in (x, y, np.nan_to_num(speed)))
+    east, north = np.zeros((2, len(step)))
+    if (known := np.isfinite(heading)).any():
+        since, heading = t.time[known], heading[known]
+        east, north = (np.interp(step * size, since, v) for v in (np.cos(heading), np.sin(heading)))
     norm = np.maximum(np.hypot(east, north), 1e-9)
     return pd.DataFrame(dict(step=step, x=x, y=y, east=east / norm, north=north / norm, speed=speed))
 
@@ -170,35 +171,41 @@ def _angle(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0)))
 
 
-def _crossings(f: pd.DataFrame, most: float, length: float, shift: float) -> Floats:
-    """(n, RAW) a truck comes to a spot soon after another one has left it, on a crossing way."""
-    visits = _visits(f, length, shift)
-    columns = ("cell", "vehicle", "step", "end", "speed", "x", "y")
-    cell, v, start, end, speed, x, y = (visits[c].to_numpy() for c in columns)
-    ahead = visits[["east", "north"]].to_numpy()
-    wait = (start[1:] - end[:-1]) * STEP
-    turn = _angle(ahead[:-1], ahead[1:])
+def _crossings(f: pd.DataFrame, most: float, length: float) -> Floats:
+    """(n, RAW) the nose of a truck comes to where another one's tail has just been, on a crossing way.
+
+    Tails and noses go straight from step to step: where two of their ways cross, both times are exact."""
+    v, step, speed = (f[c].to_numpy() for c in ("vehicle", "step", "speed"))
+    at, ahead = f[["x", "y"]].to_numpy(), f[["east", "north"]].to_numpy()
+    begin = np.flatnonzero((np.diff(v) == 0) & (np.diff(step) == 1) & (speed[:-1] > MOVING))
+    if not len(begin):
+        return np.zeros((0, len(RAW)))
+    ends = [at + side * 0.5 * length * ahead for side in (-1.0, 1.0)]
+    starts, ways = [e[begin] for e in ends], [e[begin + 1] - e[begin] for e in ends]
+    # Ways that cross have their middles within the longest one; so much time is as long as ``most``.
+    reach = float(np.hypot(*np.concatenate(ways).T).max()) + 1e-9
+    when = (step[begin] - step.min()) * (reach / (most / STEP + 1.0))
+    trees = [cKDTree(np.column_stack([s + 0.5 * w, when])) for s, w in zip(starts, ways, strict=True)]
+    pairs = trees[0].sparse_distance_matrix(trees[1], reach, p=np.inf, output_type="ndarray")
+    tail, nose = pairs["i"], pairs["j"]
+    gap, there, here = starts[1][nose] - starts[0][tail], ways[0][tail], ways[1][nose]
+    one, two, across = begin[tail], begin[nose], _cross(there, here)
+    # The shares of both ways before the crossing; ways along one another have none.
+    left, came = (_cross(gap, way) / np.where(across, across, np.nan) for way in (here, there))
+    wait, turn = (step[two] + came - step[one] - left) * STEP, _angle(ahead[one], ahead[two])
+    inside = (np.abs([left, came] - np.array(0.5)) < 0.5 + 1e-9).all(axis=0)
     # Directions less than 30 degrees apart, or nearly opposite, are of one lane or of two.
-    keep = (cell[1:] == cell[:-1]) & (v[1:] != v[:-1]) & (wait > 0.0) & (wait < most)
-    keep &= (np.sin(turn) > 0.5) & (np.minimum(speed[1:], speed[:-1]) > MOVING)
-    one = np.flatnonzero(keep)
-    two = one + 1
+    keep = (v[one] != v[two]) & inside & (wait >= 0.0) & (wait < most) & (np.sin(turn) > 0.5)
+    one, two, spot = one[keep], two[keep], (starts[1][nose] + came[:, None] * here)[keep]
     closing = np.hypot(*(ahead[two] * speed[two, None] - ahead[one] * speed[one, None]).T)
     trucks, nan = np.sort([v[one], v[two]], axis=0), np.full(len(one), np.nan)
-    return np.column_stack([start[two] * STEP, *trucks, nan, wait[keep], turn[keep], closing, x[two], y[two]])
+    time = (step[two] + came[keep]) * STEP
+    return np.column_stack([time, *trucks, nan, wait[keep], turn[keep], closing, *spot.T])
 
 
-def _visits(f: pd.DataFrame, length: float, shift: float) -> pd.DataFrame:
-    """Cells under the middle line of trucks, in order of cell and time; ``end`` is the last step in it."""
-    along = np.linspace(-0.5, 0.5, int(np.ceil(length / (0.5 * CELL))) + 1)[:, None] * length
-    x, y = ((f[c].to_numpy() + along * f[to].to_numpy()).ravel() for c, to in (("x", "east"), ("y", "north")))
-    points = pd.concat([f] * len(along), ignore_index=True).assign(x=x, y=y)
-    points["cell"] = points.groupby([np.floor((v + shift) / CELL) for v in (x, y)]).ngroup()
-    points = points.sort_values(["cell", "vehicle", "step"], ignore_index=True)
-    new = (points[["cell", "vehicle"]].diff() != 0).any(axis=1) | (points["step"].diff() > 2)
-    first = np.flatnonzero(new)
-    ends = points["step"].to_numpy()[np.append(first[1:], len(points))[: len(first)] - 1]
-    return points.iloc[first].assign(end=ends).sort_values(["cell", "step"])
+def _cross(a: Floats, b: Floats) -> Floats:
+    """(N,) cross products of plane vectors."""
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _events(found: Floats, names: list[str]) -> pd.DataFrame:
