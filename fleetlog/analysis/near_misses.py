@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
+from fleetlog.analysis import apart
 from fleetlog.core.arguments import Between
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.result import Marks, Result
@@ -66,8 +67,11 @@ def near_misses(
     summary = {
         "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
         "near_misses": len(table) if judged else None, "kinds": kinds,
+        "left_out_share": (missing := apart.left_out(dataset, LONGEST_GAP)),
     }  # fmt: skip
     said = [f"Near misses are unknown: {ALONE}."] if dataset.alone else _lines(summary, table)
+    if len(dataset.vehicles) > 1:
+        said = apart.told("Near misses", missing, said, LONGEST_GAP)
     # The closest ones, each with its lower indicator.
     seconds = table[["ttc_s", "pet_s"]].set_axis(["TTC", "PET"], axis=1)
     worst = seconds.min(axis=1).nsmallest(WORST)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fleetlog.analysis.apart import LONGEST
 from fleetlog.core.arrays import Array, Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory, concatenate
@@ -26,7 +27,6 @@ Columns = dict[str, Array]
 Near = tuple[Ints, Ints, Index, Floats]  # See :func:`~fleetlog.analysis.kernels.reachable`
 
 HALT = 1.39  # A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]
-MAX_GAP = 15_000_000  # A truck that has been silent for longer is absent [us]
 COLUMNS = ("edge_id", "edge_offset", "speed", "trip_id")
 BOTH_WAYS = slice(None), slice(None, None, -1)  # Forwards and backwards in time
 
@@ -75,7 +75,7 @@ def routed(t: Trajectory, arrived: Mask, grid: Ints, network: Network) -> tuple[
     i = np.searchsorted(t.time, grid, side="right") - 1
     j = np.minimum(i + 1, len(t) - 1)
     step, late = t.time[j] - t.time[i], grid - t.time[i]
-    j = np.where(step > MAX_GAP, i, j)
+    j = np.where(step > LONGEST * 1e6, i, j)
     share = np.where(j > i, late / np.maximum(step, 1), 0.0)
     a, b, k = edge[i], edge[j], np.where(share < 0.5, i, j)
     arcs = np.repeat(np.arange(len(network)), np.diff(network.next_first)) * len(network) + network.next_edges
