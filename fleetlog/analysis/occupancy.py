@@ -200,9 +200,9 @@ def _along_edges(t: Trajectory, use: Mask, network: Network) -> Floats:
     first, edge, dt = stretches(network), t.labels("edge_id").recode(network.index), np.diff(t.time) * 1e-6
     number = np.maximum(np.nan_to_num(t.floats("edge_offset")), 0.0) // STRETCH
     place = np.minimum(first[edge] + number, first[edge + 1] - 1)[:-1]
-    here = np.where((edge[:-1] >= 0) & (dt > 0.0) & (dt <= LONGEST) & use[:-1], place, -1).astype(np.int64)
+    here = np.where((edge[:-1] >= 0) & (dt > 0.0) & (dt <= LONGEST), place, -1).astype(np.int64)
     v, w = (t.floats(c)[:-1] for c in ("speed", "battery_power"))
-    came, known, on = np.diff(here, prepend=-1) != 0, np.isfinite(w), here >= 0
+    came, known, on = np.diff(here, prepend=-1) != 0, np.isfinite(w), (here >= 0) & use[:-1]
     still = v < STANDING_SPEED
     layers = dt, np.nan_to_num(v) * dt, np.where(known, w, 0.0) * dt, still * dt, came, known * dt
     return np.array([np.bincount(here[on], layer[on], first[-1]) for layer in layers])
