@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis import apart
+from fleetlog.analysis.apart import settled
 from fleetlog.analysis.clusters import episodes as of
 from fleetlog.analysis.clusters.episodes import BIN, PLACES, Watched, episodes
 from fleetlog.analysis.clusters.steps import Crowds, Rule, as_figures, find_crowds, together
@@ -71,14 +71,12 @@ def density(
     table["area"] = of.area_of(table, areas)
     over_time = of.timeline(clusters, watched, np.append(table["area"], -1)[episode], dataset.dates)
     ways = zip(("moving_only", "all"), clusters.counts, strict=True)
-    known = (missing := apart.left_out(dataset)) < 1.0
     summary = {
         "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(watched.vehicles),
         "hours": watched.hours, "min_duration_s": min_duration,
         "clusters": {way: as_figures(counts, watched.seconds) for way, counts in ways},
-        "used": "all" if include_standing else "moving_only", "episodes": len(found) if known else None,
-        "delay_s": float(rows.delay.sum()) if known else None, "left_out_share": missing,
-        "areas": areas.head(20).to_dict("records"),
+        "used": "all" if include_standing else "moving_only", "episodes": len(found),
+        "delay_s": float(rows.delay.sum()), "areas": areas.head(20).to_dict("records"),
     }  # fmt: skip
     steps = pd.DataFrame(clusters.clusters).rename(columns={"time": "timestamp", "label": "cluster"})
     steps["timestamp"] = pd.to_datetime(steps["timestamp"], unit="us", utc=True)
@@ -86,8 +84,8 @@ def density(
     tables = {"episodes": table, "tasks": _task_table(dataset, watched, rows), "clusters": steps}
     places = {"areas": areas} if len(areas) else {}
     shapes = [*_shapes(network, watched, clusters, areas, rows, over_time)]
-    lines = apart.told("Congestion", missing, _lines(summary, areas) if known else ())
-    return Result("density", summary, tables, places, shapes, lines)
+    result = Result("density", summary, tables, places, shapes, _lines(summary, areas))
+    return settled(result, dataset, "Congestion", "delay_s", "episodes")
 
 
 def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:

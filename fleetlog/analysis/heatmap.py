@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy.ndimage import gaussian_filter
 
-from fleetlog.analysis import apart
 from fleetlog.analysis import occupancy as maps
+from fleetlog.analysis.apart import settled
 from fleetlog.analysis.occupancy import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.arrays import Floats, Mask
@@ -46,11 +46,7 @@ def heatmap(
         what = "no row with a position is left by this choice of hours, vehicles and load"
         raise DataError(what, do="choose a wider one, or import logs with positions")
     here = functools.reduce(HeatMap.__add__, groups.values())
-    missing = apart.left_out(dataset, vehicles=vehicle)
-    summary = _summary(dataset, here, quantity, smooth) | {"left_out_share": missing}
-    if not (known := missing < 1.0):
-        summary |= dict.fromkeys(("vehicle_hours", "distance_km", "standing_hours"))
-        summary["busiest"] = dict.fromkeys(summary["busiest"])
+    summary = _summary(dataset, here, quantity, smooth)
     shapes: list[Shape] = [_drawn(n if by else "heat", m, quantity, smooth) for n, m in groups.items()]
     table = _cell_table(here)
     if by is not None:
@@ -78,8 +74,9 @@ def heatmap(
         if compare is None and by is None:
             label = maps.LABELS[quantity].replace("/m²", "")
             shapes.append(EdgeValues("roads", edge, start, end, values[seen], label))
-    lines = apart.told("Time by place", missing, _lines(summary) if known else ())
-    return Result("heatmap", summary, tables, {}, shapes, lines, {"cells": cell})
+    result = Result("heatmap", summary, tables, {}, shapes, _lines(summary), {"cells": cell})
+    unknown = "vehicle_hours", "distance_km", "standing_hours", "busiest"
+    return settled(result, dataset, "Time by place", *unknown, vehicles=vehicle)
 
 
 def _drawn(name: str, m: HeatMap, quantity: Quantity, smooth: float) -> Grid:

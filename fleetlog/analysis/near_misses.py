@@ -16,9 +16,9 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from fleetlog.analysis import apart
+from fleetlog.analysis.apart import settled
 from fleetlog.core.arguments import Between
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Array, Floats, Ints, Mask
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.words import count
@@ -55,23 +55,19 @@ def near_misses(
     closing : least speed at which two trucks approach one another [m/s].
     length : length of a truck [m].
     width : width of a truck [m]."""
-    found, judged = [np.zeros((0, len(RAW)))], False
+    found, judged = [pd.DataFrame(columns=list(RAW), dtype=float)], False
     for fleet in () if dataset.alone else _fleets(dataset):
         judged |= fleet["vehicle"].nunique() > 1
         for first in range(fleet["step"].min(), fleet["step"].max() + 1, CHUNK):
             part = fleet[fleet["step"].between(first, first + CHUNK + round(pet / STEP), "left")]
-            found.append(_collisions(part, ttc, closing, length, width))
-            found.append(_crossings(part, pet, length))
-    table = _events(np.concatenate(found), dataset.vehicles)
+            found += [_collisions(part, ttc, closing, length, width), _crossings(part, pet, length)]
+    table = _events(pd.concat(found), dataset.vehicles)
     kinds = {str(k): int(n) for k, n in table["kind"].value_counts().sort_index().items()}
     summary = {
         "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
         "near_misses": len(table) if judged else None, "kinds": kinds,
-        "left_out_share": (missing := apart.left_out(dataset, LONGEST_GAP)),
     }  # fmt: skip
     said = [f"Near misses are unknown: {ALONE}."] if dataset.alone else _lines(summary, table)
-    if len(dataset.vehicles) > 1:
-        said = apart.told("Near misses", missing, said, LONGEST_GAP)
     # The closest ones, each with its lower indicator.
     seconds = table[["ttc_s", "pet_s"]].set_axis(["TTC", "PET"], axis=1)
     worst = seconds.min(axis=1).nsmallest(WORST)
@@ -80,7 +76,8 @@ def near_misses(
     at = table.loc[worst.index, ["x", "y"]].to_numpy(float)
     note = f"marked: the {len(at)} closest of {len(table)}" if len(table) > len(at) else ""
     marks = Marks("near misses", at, labels, np.full(len(at), 1.0), "critical", note=note)
-    return Result("near_misses", summary, {}, {"near_misses": table}, [marks], said)
+    result = Result("near_misses", summary, {}, {"near_misses": table}, [marks], said)
+    return settled(result, dataset, "Near misses", "near_misses", limit=LONGEST_GAP)
 
 
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
@@ -120,101 +117,84 @@ def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Mask:
 
 
 def _gridded(t: Trajectory) -> pd.DataFrame:
-    """Rows by ``step`` (``STEP`` seconds since 1970): place [m], direction (unit vector; 0 of a truck whose
-    heading was never known: it is a disc), speed [m/s]."""
+    """Rows by ``step`` (``STEP`` seconds since 1970), places and directions as complex numbers: ``at`` [m],
+    ``ahead`` (of length 1; 0 of a truck whose heading was never known: it is a disc), ``speed`` [m/s]."""
     x, y, heading, speed = (t.floats(c) for c in COLUMNS)
-    size = round(STEP * 1e6)
+    size, known = round(STEP * 1e6), np.isfinite(heading)
     step = np.arange(-(-t.time[0] // size), t.time[-1] // size + 1)
     after = np.maximum(np.searchsorted(t.time, step * size), 1)
     step = step[t.time[after] - t.time[after - 1] <= LONGEST_GAP * 1e6]
-    x, y, speed = (np.interp(step * size, t.time, v) for v in (x, y, np.nan_to_num(speed)))
-    east, north = np.zeros((2, len(step)))
-    if (known := np.isfinite(heading)).any():
-        since, heading = t.time[known], heading[known]
-        east, north = (np.interp(step * size, since, v) for v in (np.cos(heading), np.sin(heading)))
-    norm = np.maximum(np.hypot(east, north), 1e-9)
-    return pd.DataFrame(dict(step=step, x=x, y=y, east=east / norm, north=north / norm, speed=speed))
+    at, speed = (np.interp(step * size, t.time, v) for v in (x + 1j * y, np.nan_to_num(speed)))
+    since, turned = (t.time[known], np.exp(1j * heading[known])) if known.any() else (t.time, 0j * x)
+    ahead = np.interp(step * size, since, turned)
+    return pd.DataFrame(dict(step=step, at=at, ahead=ahead / np.maximum(abs(ahead), 1e-9), speed=speed))
 
 
-def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, width: float) -> Floats:
-    """(n, RAW) moments in which two trucks are on a collision course."""
-    if len(f) < 2:
-        return np.zeros((0, len(RAW)))
-    v, step, speed = (f[c].to_numpy() for c in ("vehicle", "step", "speed"))
-    at, ahead = f[["x", "y"]].to_numpy(), f[["east", "north"]].to_numpy()
-    reach = most * 2.0 * float(speed.max()) + length
+def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, width: float) -> pd.DataFrame:
+    """Moments (``RAW``) in which two trucks are on a collision course."""
+    at, ahead, speed, step = (f[c].to_numpy() for c in ("at", "ahead", "speed", "step"))
+    reach = most * 2.0 * float(speed.max(initial=0.0)) + length
     # Steps lie farther apart than the reach, so that neighbours are of one step.
-    tree = cKDTree(np.column_stack([at, (step - step.min()) * 2.0 * (reach + 1.0)]))
+    tree = cKDTree(np.column_stack([at.real, at.imag, (step - step[:1]) * 2.0 * (reach + 1.0)]))
     pairs = tree.query_pairs(reach, output_type="ndarray")
     a, b = np.sort(pairs[np.maximum(*speed[pairs].T) > MOVING], axis=1).T
-    gap, relative = at[b] - at[a], ahead[b] * speed[b, None] - ahead[a] * speed[a, None]
+    gap, relative = at[b] - at[a], ahead[b] * speed[b] - ahead[a] * speed[a]
     nose = 0.5 * (length - width)
     ends = product((-1.0, 1.0), repeat=2)
     times = [time_to_contact(gap + nose * (j * ahead[b] - i * ahead[a]), relative, width) for i, j in ends]
-    soon = np.min(times, axis=0)
-    rate = -(gap * relative).sum(axis=1) / np.maximum(np.hypot(*gap.T), 1e-9)
-    keep = np.all([t >= 0.0 for t in times], axis=0) & (soon < most) & (rate >= closing)
-    a, b, middle = a[keep], b[keep], (0.5 * (at[a] + at[b]))[keep]
-    nan, angle = np.full(len(a), np.nan), _angle(ahead[a], ahead[b])
-    return np.column_stack([step[a] * STEP, v[a], v[b], soon[keep], nan, angle, rate[keep], *middle.T])
+    soon, rate = np.min(times, axis=0), -(gap.conj() * relative).real / np.maximum(abs(gap), 1e-9)
+    k = np.flatnonzero((soon >= 0.0) & (soon < most) & (rate >= closing))
+    a, b = a[k], b[k]
+    return _moments(f, a, b, step[a] * STEP, 0.5 * (at[a] + at[b])).assign(ttc=soon[k], closing=rate[k])
 
 
-def time_to_contact(gap: Floats, velocity: Floats, distance: float) -> Floats:
-    """(N,) seconds until points with a ``gap`` ((N, 2) m) and relative ``velocity`` are ``distance`` apart;
-    inf where they never are, -1 where they are closer already."""
-    a, b = (velocity**2).sum(axis=1), (gap * velocity).sum(axis=1)
-    c = (gap**2).sum(axis=1) - distance**2
+def time_to_contact(gap: Array, velocity: Array, distance: float) -> Floats:
+    """(N,) seconds until points with a ``gap`` and relative ``velocity``, both complex, are ``distance`` [m]
+    apart; inf where they never are, -1 where they are closer already."""
+    a, b, c = abs(velocity) ** 2, (gap.conj() * velocity).real, abs(gap) ** 2 - distance**2
     root = b * b - a * c
     meets = (root >= 0.0) & (b < 0.0)
     when = np.where(meets, (-b - np.sqrt(np.maximum(root, 0.0))) / np.maximum(a, 1e-12), np.inf)
     return np.asarray(np.where(c < 0.0, -1.0, when))
 
 
-def _angle(a: Floats, b: Floats) -> Floats:
-    """(N,) between two directions of travel, 0 to pi."""
-    return np.asarray(np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0)))
-
-
-def _crossings(f: pd.DataFrame, most: float, length: float) -> Floats:
-    """(n, RAW) the nose of a truck comes to where another one's tail has just been, on a crossing way.
-
-    Tails and noses go straight from step to step: where two of their ways cross, both times are exact."""
-    v, step, speed = (f[c].to_numpy() for c in ("vehicle", "step", "speed"))
-    at, ahead = f[["x", "y"]].to_numpy(), f[["east", "north"]].to_numpy()
-    begin = np.flatnonzero((np.diff(v) == 0) & (np.diff(step) == 1) & (speed[:-1] > MOVING))
-    if not len(begin):
-        return np.zeros((0, len(RAW)))
-    ends = [at + side * 0.5 * length * ahead for side in (-1.0, 1.0)]
-    starts, ways = [e[begin] for e in ends], [e[begin + 1] - e[begin] for e in ends]
+def _crossings(f: pd.DataFrame, most: float, length: float) -> pd.DataFrame:
+    """Moments (``RAW``) in which the nose of a truck comes to where another one's tail has just been, on a
+    crossing way.  Both go straight from step to step: where two ways cross, both times are exact."""
+    at, ahead, step, v = (f[c].to_numpy() for c in ("at", "ahead", "step", "vehicle"))
+    begin = np.flatnonzero((np.diff(v) == 0) & (np.diff(step) == 1) & (f["speed"].to_numpy()[:-1] > MOVING))
+    starts = at[begin] + np.array([[-0.5], [0.5]]) * length * ahead[begin]  # of tails and of noses
+    ways = at[begin + 1] + np.array([[-0.5], [0.5]]) * length * ahead[begin + 1] - starts
     # Ways that cross have their middles within the longest one; so much time is as long as ``most``.
-    reach = float(np.hypot(*np.concatenate(ways).T).max()) + 1e-9
-    when = (step[begin] - step.min()) * (reach / (most / STEP + 1.0))
-    trees = [cKDTree(np.column_stack([s + 0.5 * w, when])) for s, w in zip(starts, ways, strict=True)]
-    pairs = trees[0].sparse_distance_matrix(trees[1], reach, p=np.inf, output_type="ndarray")
+    reach = float(abs(ways).max(initial=0.0)) + 1e-9
+    when, middles = (step[begin] - step[:1]) * (reach / (most / STEP + 1.0)), starts + 0.5 * ways
+    tails, noses = (cKDTree(np.column_stack([m.real, m.imag, when])) for m in middles)
+    pairs = tails.sparse_distance_matrix(noses, reach, p=np.inf, output_type="ndarray")
     tail, nose = pairs["i"], pairs["j"]
-    gap, there, here = starts[1][nose] - starts[0][tail], ways[0][tail], ways[1][nose]
-    one, two, across = begin[tail], begin[nose], _cross(there, here)
+    a, b, there, here = begin[tail], begin[nose], ways[0, tail], ways[1, nose]
+    gap, across = starts[1, nose] - starts[0, tail], (there.conj() * here).imag
     # The shares of both ways before the crossing; ways along one another have none.
-    left, came = (_cross(gap, way) / np.where(across, across, np.nan) for way in (here, there))
-    wait, turn = (step[two] + came - step[one] - left) * STEP, _angle(ahead[one], ahead[two])
-    inside = (np.abs([left, came] - np.array(0.5)) < 0.5 + 1e-9).all(axis=0)
+    left, came = ((gap.conj() * way).imag / np.where(across, across, np.nan) for way in (here, there))
+    wait = (step[b] + came - step[a] - left) * STEP
     # Directions less than 30 degrees apart, or nearly opposite, are of one lane or of two.
-    keep = (v[one] != v[two]) & inside & (wait >= 0.0) & (wait < most) & (np.sin(turn) > 0.5)
-    one, two, spot = one[keep], two[keep], (starts[1][nose] + came[:, None] * here)[keep]
-    closing = np.hypot(*(ahead[two] * speed[two, None] - ahead[one] * speed[one, None]).T)
-    trucks, nan = np.sort([v[one], v[two]], axis=0), np.full(len(one), np.nan)
-    time = (step[two] + came[keep]) * STEP
-    return np.column_stack([time, *trucks, nan, wait[keep], turn[keep], closing, *spot.T])
+    keep = (v[a] != v[b]) & (abs((ahead[a].conj() * ahead[b]).imag) > 0.5) & (wait >= 0.0) & (wait < most)
+    k = np.flatnonzero(keep & (np.maximum(abs(left - 0.5), abs(came - 0.5)) < 0.5 + 1e-9))
+    time, spot = (step[b] + came) * STEP, starts[1, nose] + came * here
+    return _moments(f, a[k], b[k], time[k], spot[k]).assign(pet=wait[k])
 
 
-def _cross(a: Floats, b: Floats) -> Floats:
-    """(N,) cross products of plane vectors."""
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+def _moments(f: pd.DataFrame, a: Ints, b: Ints, time: Floats, spot: Array) -> pd.DataFrame:
+    """Moments (``RAW``) of the rows ``a`` and ``b``, without an indicator."""
+    v, ahead, speed = (f[c].to_numpy() for c in ("vehicle", "ahead", "speed"))
+    one, two = np.sort([v[a], v[b]], axis=0)
+    angle, closing = abs(np.angle(ahead[a].conj() * ahead[b])), abs(ahead[b] * speed[b] - ahead[a] * speed[a])
+    values = (time, one, two, np.nan, np.nan, angle, closing, spot.real, spot.imag)
+    return pd.DataFrame(dict(zip(RAW, values, strict=True)))
 
 
-def _events(found: Floats, names: list[str]) -> pd.DataFrame:
+def _events(raw: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """One row a near miss: moments of one pair close together are one, with the lowest of each indicator."""
-    raw = pd.DataFrame(found, columns=list(RAW)).sort_values(["a", "b", "time"], ignore_index=True)
+    raw = raw.sort_values(["a", "b", "time"], ignore_index=True)
     new = (raw[["a", "b"]].diff().abs().sum(axis=1) > 0.0) | (raw["time"].diff() > SAME)
     groups = raw.groupby(new.cumsum())
     worst = raw.loc[raw[["ttc", "pet"]].min(axis=1).groupby(new.cumsum()).idxmin()] if len(raw) else raw

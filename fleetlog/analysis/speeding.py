@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis import apart
+from fleetlog.analysis.apart import settled
 from fleetlog.analysis.utilisation import joined_days, stamps
 from fleetlog.core.arguments import Between, Share
 from fleetlog.core.arrays import Floats, Ints
@@ -41,19 +41,17 @@ def speeding(
     table = table.assign(**{c: stamps(table[c].to_numpy(np.int64)) for c in ("start", "end")})
     by = ["duration", "vehicle_id", "start"]
     table = table.sort_values(by, ascending=[False, True, True], ignore_index=True)
-    known = (missing := apart.left_out(dataset, MAX_GAP)) < 1.0
     summary = {
-        "margin": margin, "shortest_s": shortest, "events": len(table) if known else None,
-        "limited_s": driven if known else None, "over_s": float(table["duration"].sum()) if known else None,
-        "left_out_share": missing,
+        "margin": margin, "shortest_s": shortest, "events": len(table), "limited_s": driven,
+        "over_s": float(table["duration"].sum()),
         "top_speed_m_s": float(table["top_speed"].max()) if len(table) else None,
     }  # fmt: skip
     worst = table.head(WORST)
     labels, size = tuple(f"{v:.1f} m/s" for v in worst["top_speed"]), np.full(len(worst), 1.0)
     note = f"marked: the {len(worst)} longest of {len(table)}" if len(table) > len(worst) else ""
     marks = Marks("speeding", worst[["x", "y"]].to_numpy(float), labels, size, "critical", note=note)
-    lines = apart.told("Speeding", missing, _lines(summary, table), MAX_GAP)
-    return Result("speeding", summary, {}, {"speeding": table}, [marks], lines)
+    result = Result("speeding", summary, {}, {"speeding": table}, [marks], _lines(summary, table))
+    return settled(result, dataset, "Speeding", "events", "limited_s", "over_s", limit=MAX_GAP)
 
 
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fleetlog.analysis.apart import LONGEST, left_out, told
+from fleetlog.analysis.apart import LONGEST, left_out, remark
 from fleetlog.analysis.density import density
 from fleetlog.analysis.heatmap import heatmap
 from fleetlog.analysis.near_misses import near_misses
@@ -56,5 +56,5 @@ def test_silences_between_shifts_are_no_rows_too_far_apart(tmp_path, silence):
 
 
 def test_a_share_that_does_not_show_is_not_told():
-    assert told("X", 0.004, ["a"]) == ["a"] and len(told("X", 0.006, ["a"])) == 2
-    assert told("X", 1.0, ["a"]) == [f"X: unknown, as all rows are more than {LONGEST:g} s apart."]
+    assert remark("X", 0.004) == [] and len(remark("X", 0.006)) == 1
+    assert remark("X", 1.0) == [f"X: unknown, as all rows are more than {LONGEST:g} s apart."]

@@ -125,7 +125,7 @@ def test_a_drive_above_the_limit_lasts_as_long_as_it_does(write) -> None:
 def test_time_to_contact_of_a_head_on_course_is_gap_over_closing_speed(
     gap: float, one: float, two: float
 ) -> None:
-    at, velocity = np.array([[gap, 0.0]]), np.array([[-one - two, 0.0]])
+    at, velocity = np.array([gap + 0j]), np.array([-one - two + 0j])
     assert time_to_contact(at, velocity, 1.2)[0] == pytest.approx((gap - 1.2) / (one + two))
     assert time_to_contact(-at, -velocity, 1.2) == time_to_contact(at, velocity, 1.2)
     assert np.isinf(time_to_contact(at, -velocity, 1.2)[0])
