@@ -17,6 +17,7 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from fleetlog.analysis.apart import settled
+from fleetlog.analysis.utilisation import stamps
 from fleetlog.core.arguments import Between
 from fleetlog.core.arrays import Array, Floats, Ints, Mask
 from fleetlog.core.result import Marks, Result
@@ -35,7 +36,7 @@ CHUNK = int(600.0 / STEP)  # Steps that are compared at once
 COLUMNS = ("x", "y", "heading", "speed")
 TABLE = ("start", "vehicle_a", "vehicle_b", "ttc_s", "pet_s", "kind", "closing_speed", "x", "y")
 WORST = 12
-RAW = ("time", "a", "b", "ttc", "pet", "angle", "closing", "x", "y")
+RAW = ("start", "a", "b", "ttc_s", "pet_s", "angle", "closing_speed", "x", "y")
 
 
 def near_misses(
@@ -145,7 +146,9 @@ def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, wid
     soon, rate = np.min(times, axis=0), -(gap.conj() * relative).real / np.maximum(abs(gap), 1e-9)
     k = np.flatnonzero((soon >= 0.0) & (soon < most) & (rate >= closing))
     a, b = a[k], b[k]
-    return _moments(f, a, b, step[a] * STEP, 0.5 * (at[a] + at[b])).assign(ttc=soon[k], closing=rate[k])
+    return _moments(f, a, b, step[a] * STEP, 0.5 * (at[a] + at[b])).assign(
+        ttc_s=soon[k], closing_speed=rate[k]
+    )
 
 
 def time_to_contact(gap: Array, velocity: Array, distance: float) -> Floats:
@@ -180,7 +183,7 @@ def _crossings(f: pd.DataFrame, most: float, length: float) -> pd.DataFrame:
     keep = (v[a] != v[b]) & (abs((ahead[a].conj() * ahead[b]).imag) > 0.5) & (wait >= 0.0) & (wait < most)
     k = np.flatnonzero(keep & (np.maximum(abs(left - 0.5), abs(came - 0.5)) < 0.5 + 1e-9))
     time, spot = (step[b] + came) * STEP, starts[1, nose] + came * here
-    return _moments(f, a[k], b[k], time[k], spot[k]).assign(pet=wait[k])
+    return _moments(f, a[k], b[k], time[k], spot[k]).assign(pet_s=wait[k])
 
 
 def _moments(f: pd.DataFrame, a: Ints, b: Ints, time: Floats, spot: Array) -> pd.DataFrame:
@@ -194,17 +197,14 @@ def _moments(f: pd.DataFrame, a: Ints, b: Ints, time: Floats, spot: Array) -> pd
 
 def _events(raw: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """One row a near miss: moments of one pair close together are one, with the lowest of each indicator."""
-    raw = raw.sort_values(["a", "b", "time"], ignore_index=True)
-    new = (raw[["a", "b"]].diff().abs().sum(axis=1) > 0.0) | (raw["time"].diff() > SAME)
-    groups = raw.groupby(new.cumsum())
-    worst = raw.loc[raw[["ttc", "pet"]].min(axis=1).groupby(new.cumsum()).idxmin()] if len(raw) else raw
-    first = groups["time"].min()
+    raw = raw.sort_values(["a", "b", "start"], ignore_index=True)
+    new = (raw[["a", "b"]].diff().abs().sum(axis=1) > 0.0) | (raw["start"].diff() > SAME)
+    worst = raw[["ttc_s", "pet_s"]].min(axis=1).groupby(new.cumsum()).idxmin().astype(int)
+    lowest = raw.groupby(new.cumsum())[["start", "ttc_s", "pet_s"]].min()
+    out = raw.loc[worst].reset_index(drop=True).assign(**lowest.reset_index(drop=True))
+    out["start"] = stamps((out["start"] * 1e6).round().to_numpy(np.int64))
+    for end in ("a", "b"):
+        out[f"vehicle_{end}"] = [names[int(k)] for k in out[end]]
     kinds = np.array(["behind", "crossing", "head-on"], dtype=object)
-    out = pd.DataFrame({
-        "start": pd.to_datetime((first * 1e6).round().astype("int64").to_numpy(), unit="us", utc=True),
-        "vehicle_a": [names[int(k)] for k in worst["a"]], "vehicle_b": [names[int(k)] for k in worst["b"]],
-        "ttc_s": groups["ttc"].min().to_numpy(), "pet_s": groups["pet"].min().to_numpy(),
-        "kind": kinds[np.digitize(worst["angle"], np.radians([30.0, 150.0]))],
-        "closing_speed": worst["closing"].to_numpy(), "x": worst["x"].to_numpy(), "y": worst["y"].to_numpy(),
-    }, columns=list(TABLE))  # fmt: skip
-    return out.sort_values(["start", "vehicle_a", "vehicle_b"], ignore_index=True)
+    out["kind"] = kinds[np.digitize(out["angle"], np.radians([30.0, 150.0]))]
+    return out[[*TABLE]].sort_values(["start", "vehicle_a", "vehicle_b"], ignore_index=True)

@@ -151,10 +151,10 @@ def congestion(f: Facts) -> Part:
         return Part([f"Congestion is not known: {f.missing.get('density', '')}."])
     result = f.results["density"]
     s, areas = result.summary, result.places.get("areas")
-    part, n = Part(), s["episodes"]
+    said, n = remark("Congestion", s["left_out_share"]), s["episodes"]
     if n is not None:
-        part.lines.append(f"{count(n, 'episode')} of congestion, {number(s['delay_s'])} s of delay in all.")
-    part.lines += remark("Congestion", s["left_out_share"])
+        said.insert(0, f"{count(n, 'episode')} of congestion, {number(s['delay_s'])} s of delay in all.")
+    part = Part(said)
     if areas is not None:
         part.blocks.append(table(areas, "areas", "Where trucks lose most time", most=8))
         marks = [m for m in result.shapes if isinstance(m, Marks)]

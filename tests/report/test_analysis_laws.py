@@ -151,7 +151,8 @@ def test_crossings_are_found_below_the_limit_and_not_above_it(
     angle = np.radians(turn)
     way = two * np.array([np.cos(angle), np.sin(angle)])
     a = straight("A", (-10.0 * one, 0.0), (one, 0.0), 20.0, dt)
-    late = 10.0 + 1.25 / one + pet + 1.25 / two - phase  # from the first row of B to its middle at the crossing
+    # From the first row of B until its middle is at the crossing.
+    late = 10.0 + 1.25 / one + pet + 1.25 / two - phase
     b = straight("B", -late * way, way, late + 10.0, dt, phase)
     path = tmp_path_factory.mktemp("d") / "d"
     with DatasetWriter.create(path, "recorded", Site()) as w:
@@ -168,7 +169,8 @@ def test_a_truck_whose_heading_is_unknown_is_in_the_way(write) -> None:
     """A parked truck never tells its heading, but where it stands is known."""
     parked = rows("B", range(21), x=0, y=0, speed=0)
     found = near_misses(write([straight("A", (-20, 0), (2.0, 0), 20.0), parked]))
-    assert found.summary["near_misses"] == 1 and found.places["near_misses"].x[0] == pytest.approx(-1.5, abs=0.7)
+    assert found.summary["near_misses"] == 1
+    assert found.places["near_misses"].x[0] == pytest.approx(-1.5, abs=0.7)
 
 
 def test_rows_seconds_apart_tell_no_near_miss(write) -> None:
