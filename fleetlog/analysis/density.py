@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 
+from fleetlog.analysis.apart import settled
 from fleetlog.analysis.clusters import episodes as of
 from fleetlog.analysis.clusters.episodes import BIN, PLACES, Watched, episodes
 from fleetlog.analysis.clusters.steps import Crowds, Rule, as_figures, find_crowds, together
@@ -83,7 +84,8 @@ def density(
     tables = {"episodes": table, "tasks": _task_table(dataset, watched, rows), "clusters": steps}
     places = {"areas": areas} if len(areas) else {}
     shapes = [*_shapes(network, watched, clusters, areas, rows, over_time)]
-    return Result("density", summary, tables, places, shapes, _lines(summary, areas))
+    result = Result("density", summary, tables, places, shapes, _lines(summary, areas))
+    return settled(result, dataset, "Congestion", "delay_s", "episodes")
 
 
 def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:
@@ -111,13 +113,13 @@ def free_speeds(dataset: Dataset, network: Network) -> Floats:
     known = _percentiles(driven, least=20)
     p85[known.index] = known
     both = np.isfinite(limit) & np.isfinite(p85)
-    usual = float(known.median())
-    if not len(known):
-        usual = float(_percentiles(driven.assign(edge=0).sort_values("speed"), least=1).iloc[0])
+    anywhere = driven.assign(edge=0).sort_values("speed")
+    usual = float((known if len(known) else _percentiles(anywhere, least=1)).median())
     ratio = float(np.median(p85[both] / limit[both])) if both.any() else 1.0
     expected = np.where(np.isfinite(limit), limit * ratio, usual)
     # A road that is always jammed must not pass for a slow road.
-    return np.asarray(np.fmax(p85, 0.8 * expected), dtype=np.float64)
+    # Where nothing was ever driven all time is lost.
+    return np.asarray(np.nan_to_num(np.fmax(p85, 0.8 * expected), nan=np.inf), dtype=np.float64)
 
 
 def _driven(dataset: Dataset, vehicle: str, date: str) -> Ints:

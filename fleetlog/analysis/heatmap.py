@@ -9,6 +9,7 @@ import pandas as pd
 from scipy.ndimage import gaussian_filter
 
 from fleetlog.analysis import occupancy as maps
+from fleetlog.analysis.apart import settled
 from fleetlog.analysis.occupancy import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.arrays import Floats, Mask
@@ -73,7 +74,9 @@ def heatmap(
         if compare is None and by is None:
             label = maps.LABELS[quantity].replace("/m²", "")
             shapes.append(EdgeValues("roads", edge, start, end, values[seen], label))
-    return Result("heatmap", summary, tables, {}, shapes, _lines(summary), {"cells": cell})
+    result = Result("heatmap", summary, tables, {}, shapes, _lines(summary), {"cells": cell})
+    unknown = "vehicle_hours", "distance_km", "standing_hours", "busiest"
+    return settled(result, dataset, "Time by place", *unknown, vehicles=vehicle)
 
 
 def _drawn(name: str, m: HeatMap, quantity: Quantity, smooth: float) -> Grid:

@@ -139,10 +139,11 @@ def accumulate(
             length = math.sqrt(dx * dx + dy * dy)
             pieces = int(length / (0.5 * cell)) + 1 if length < 1e7 else 0
         at = onto
-        if not (0.0 < dt <= max_gap and use[i] and pieces > 0):
+        if not (0.0 < dt <= max_gap and pieces > 0):
             last = -1
             continue
-        spent, part, one = 0.0, dt / pieces, 1.0 / pieces
+        # The way is followed through rows that do not count: no truck comes anew where they end.
+        spent, part, one = 0.0, dt / pieces if use[i] else 0.0, 1.0 / pieces
         v, w = 0.5 * (speed[i] + speed[i + 1]), 0.5 * (power[i] + power[i + 1])
         for k in range(pieces):
             f = (k + 0.5) * one
@@ -150,7 +151,7 @@ def accumulate(
             if here != last:
                 _spend(out, last, spent, v, w, standing)
                 spent, last = 0.0, here
-                if here >= 0:
+                if here >= 0 and use[i]:
                     out[here, 4] += 1.0
             spent += part
         _spend(out, last, spent, v, w, standing)

@@ -3,8 +3,8 @@
 A truck is a capsule, ``length`` by ``width``: two discs at its ends stand for it on a collision course.
 
 - *Time to collision* (Hayward 1972): how long until two trucks touch if both go on as they do.
-- *Post-encroachment time* (Allen, Shin and Cooper 1978): how long after one truck has left a spot of the
-  floor another one comes to it on a crossing way.
+- *Post-encroachment time* (Allen, Shin and Cooper 1978): how long after the tail of one truck has left a
+  spot of the floor the nose of another one comes to it on a crossing way.
 
 Both need clocks that agree among the trucks."""
 
@@ -16,8 +16,10 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
+from fleetlog.analysis.apart import settled
+from fleetlog.analysis.utilisation import stamps
 from fleetlog.core.arguments import Between
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Array, Floats, Ints, Mask
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.words import count
@@ -27,16 +29,14 @@ from fleetlog.store.events import read_table
 
 STEP = 0.25  # Of the common time grid [s]
 LONGEST_GAP = 2.5  # Between rows farther apart nobody knows where a truck was to a second [s]
-CELL = 1.0  # Side of a spot on the floor [m]
 SAME = 5.0  # Two moments of one pair within this are one near miss [s]
 MOVING = 0.5  # A truck that is slower does not cross another's way [m/s]
 IN_BAY = 0.5  # A truck that stands nearer to the middle of a bay is in it [m]
 CHUNK = int(600.0 / STEP)  # Steps that are compared at once
-PLACE = ("x", "y", "heading")
-COLUMNS = (*PLACE, "speed")
+COLUMNS = ("x", "y", "heading", "speed")
 TABLE = ("start", "vehicle_a", "vehicle_b", "ttc_s", "pet_s", "kind", "closing_speed", "x", "y")
 WORST = 12
-RAW = ("time", "a", "b", "ttc", "pet", "angle", "closing", "x", "y")
+RAW = ("start", "a", "b", "ttc_s", "pet_s", "angle", "closing_speed", "x", "y")
 
 
 def near_misses(
@@ -56,15 +56,13 @@ def near_misses(
     closing : least speed at which two trucks approach one another [m/s].
     length : length of a truck [m].
     width : width of a truck [m]."""
-    found, judged = [np.zeros((0, len(RAW)))], False
+    found, judged = [pd.DataFrame(columns=list(RAW), dtype=float)], False
     for fleet in () if dataset.alone else _fleets(dataset):
         judged |= fleet["vehicle"].nunique() > 1
         for first in range(fleet["step"].min(), fleet["step"].max() + 1, CHUNK):
             part = fleet[fleet["step"].between(first, first + CHUNK + round(pet / STEP), "left")]
-            found.append(_collisions(part, ttc, closing, length, width))
-            # Two grids, as a way along the border of cells is in either of them.
-            found += [_crossings(part, pet, length, shift) for shift in (0.0, 0.5 * CELL)]
-    table = _events(np.concatenate(found), dataset.vehicles)
+            found += [_collisions(part, ttc, closing, length, width), _crossings(part, pet, length)]
+    table = _events(pd.concat(found), dataset.vehicles)
     kinds = {str(k): int(n) for k, n in table["kind"].value_counts().sort_index().items()}
     summary = {
         "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
@@ -79,7 +77,8 @@ def near_misses(
     at = table.loc[worst.index, ["x", "y"]].to_numpy(float)
     note = f"marked: the {len(at)} closest of {len(table)}" if len(table) > len(at) else ""
     marks = Marks("near misses", at, labels, np.full(len(at), 1.0), "critical", note=note)
-    return Result("near_misses", summary, {}, {"near_misses": table}, [marks], said)
+    result = Result("near_misses", summary, {}, {"near_misses": table}, [marks], said)
+    return settled(result, dataset, "Near misses", "near_misses", limit=LONGEST_GAP)
 
 
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
@@ -111,7 +110,7 @@ def _fleets(dataset: Dataset) -> Iterator[pd.DataFrame]:
 def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Mask:
     """(N,) whether a place is known, and is no bay of a simulation in which the truck stands: its bays lie
     beside the road, also where those drawn after a recording are on it."""
-    known: Mask = np.logical_and.reduce([np.isfinite(t.floats(c)) for c in PLACE])
+    known: Mask = np.isfinite(t.floats("x")) & np.isfinite(t.floats("y"))
     stands = t.floats("speed") <= MOVING
     for x, y in [] if bays is None else bays[["x", "y"]].to_numpy(float):
         known &= ~(stands & (np.hypot(t.floats("x") - x, t.floats("y") - y) < IN_BAY))
@@ -119,101 +118,93 @@ def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Mask:
 
 
 def _gridded(t: Trajectory) -> pd.DataFrame:
-    """Rows by ``step`` (``STEP`` seconds since 1970): place [m], direction (unit vector), speed [m/s]."""
+    """Rows by ``step`` (``STEP`` seconds since 1970), places and directions as complex numbers: ``at`` [m],
+    ``ahead`` (of length 1; 0 of a truck whose heading was never known: it is a disc), ``speed`` [m/s]."""
     x, y, heading, speed = (t.floats(c) for c in COLUMNS)
-    size = round(STEP * 1e6)
+    size, known = round(STEP * 1e6), np.isfinite(heading)
     step = np.arange(-(-t.time[0] // size), t.time[-1] // size + 1)
     after = np.maximum(np.searchsorted(t.time, step * size), 1)
     step = step[t.time[after] - t.time[after - 1] <= LONGEST_GAP * 1e6]
-    values = (x, y, np.cos(heading), np.sin(heading), np.nan_to_num(speed))
-    x, y, east, north, speed = (np.interp(step * size, t.time, v) for v in values)
-    norm = np.maximum(np.hypot(east, north), 1e-9)
-    return pd.DataFrame(dict(step=step, x=x, y=y, east=east / norm, north=north / norm, speed=speed))
+    at, speed = (np.interp(step * size, t.time, v) for v in (x + 1j * y, np.nan_to_num(speed)))
+    since, turned = (t.time[known], np.exp(1j * heading[known])) if known.any() else (t.time, 0j * x)
+    ahead = np.interp(step * size, since, turned)
+    return pd.DataFrame(dict(step=step, at=at, ahead=ahead / np.maximum(abs(ahead), 1e-9), speed=speed))
 
 
-def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, width: float) -> Floats:
-    """(n, RAW) moments in which two trucks are on a collision course."""
-    if len(f) < 2:
-        return np.zeros((0, len(RAW)))
-    v, step, speed = (f[c].to_numpy() for c in ("vehicle", "step", "speed"))
-    at, ahead = f[["x", "y"]].to_numpy(), f[["east", "north"]].to_numpy()
-    reach = most * 2.0 * float(speed.max()) + length
+def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, width: float) -> pd.DataFrame:
+    """Moments (``RAW``) in which two trucks are on a collision course."""
+    at, ahead, speed, step = (f[c].to_numpy() for c in ("at", "ahead", "speed", "step"))
+    reach = most * 2.0 * float(speed.max(initial=0.0)) + length
     # Steps lie farther apart than the reach, so that neighbours are of one step.
-    tree = cKDTree(np.column_stack([at, (step - step.min()) * 2.0 * (reach + 1.0)]))
+    tree = cKDTree(np.column_stack([at.real, at.imag, (step - step[:1]) * 2.0 * (reach + 1.0)]))
     pairs = tree.query_pairs(reach, output_type="ndarray")
     a, b = np.sort(pairs[np.maximum(*speed[pairs].T) > MOVING], axis=1).T
-    gap, relative = at[b] - at[a], ahead[b] * speed[b, None] - ahead[a] * speed[a, None]
+    gap, relative = at[b] - at[a], ahead[b] * speed[b] - ahead[a] * speed[a]
     nose = 0.5 * (length - width)
     ends = product((-1.0, 1.0), repeat=2)
     times = [time_to_contact(gap + nose * (j * ahead[b] - i * ahead[a]), relative, width) for i, j in ends]
-    soon = np.min(times, axis=0)
-    rate = -(gap * relative).sum(axis=1) / np.maximum(np.hypot(*gap.T), 1e-9)
-    keep = np.all([t >= 0.0 for t in times], axis=0) & (soon < most) & (rate >= closing)
-    a, b, middle = a[keep], b[keep], (0.5 * (at[a] + at[b]))[keep]
-    nan, angle = np.full(len(a), np.nan), _angle(ahead[a], ahead[b])
-    return np.column_stack([step[a] * STEP, v[a], v[b], soon[keep], nan, angle, rate[keep], *middle.T])
+    soon, rate = np.min(times, axis=0), -(gap.conj() * relative).real / np.maximum(abs(gap), 1e-9)
+    k = np.flatnonzero((soon >= 0.0) & (soon < most) & (rate >= closing))
+    a, b = a[k], b[k]
+    return _moments(f, a, b, step[a] * STEP, 0.5 * (at[a] + at[b])).assign(
+        ttc_s=soon[k], closing_speed=rate[k]
+    )
 
 
-def time_to_contact(gap: Floats, velocity: Floats, distance: float) -> Floats:
-    """(N,) seconds until points with a ``gap`` ((N, 2) m) and relative ``velocity`` are ``distance`` apart;
-    inf where they never are, -1 where they are closer already."""
-    a, b = (velocity**2).sum(axis=1), (gap * velocity).sum(axis=1)
-    c = (gap**2).sum(axis=1) - distance**2
+def time_to_contact(gap: Array, velocity: Array, distance: float) -> Floats:
+    """(N,) seconds until points with a ``gap`` and relative ``velocity``, both complex, are ``distance`` [m]
+    apart; inf where they never are, -1 where they are closer already."""
+    a, b, c = abs(velocity) ** 2, (gap.conj() * velocity).real, abs(gap) ** 2 - distance**2
     root = b * b - a * c
     meets = (root >= 0.0) & (b < 0.0)
     when = np.where(meets, (-b - np.sqrt(np.maximum(root, 0.0))) / np.maximum(a, 1e-12), np.inf)
     return np.asarray(np.where(c < 0.0, -1.0, when))
 
 
-def _angle(a: Floats, b: Floats) -> Floats:
-    """(N,) between two directions of travel, 0 to pi."""
-    return np.asarray(np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0)))
-
-
-def _crossings(f: pd.DataFrame, most: float, length: float, shift: float) -> Floats:
-    """(n, RAW) a truck comes to a spot soon after another one has left it, on a crossing way."""
-    visits = _visits(f, length, shift)
-    columns = ("cell", "vehicle", "step", "end", "speed", "x", "y")
-    cell, v, start, end, speed, x, y = (visits[c].to_numpy() for c in columns)
-    ahead = visits[["east", "north"]].to_numpy()
-    wait = (start[1:] - end[:-1]) * STEP
-    turn = _angle(ahead[:-1], ahead[1:])
+def _crossings(f: pd.DataFrame, most: float, length: float) -> pd.DataFrame:
+    """Moments (``RAW``) in which the nose of a truck comes to where another one's tail has just been, on a
+    crossing way.  Both go straight from step to step: where two ways cross, both times are exact."""
+    at, ahead, step, v = (f[c].to_numpy() for c in ("at", "ahead", "step", "vehicle"))
+    begin = np.flatnonzero((np.diff(v) == 0) & (np.diff(step) == 1) & (f["speed"].to_numpy()[:-1] > MOVING))
+    starts = at[begin] + np.array([[-0.5], [0.5]]) * length * ahead[begin]  # of tails and of noses
+    ways = at[begin + 1] + np.array([[-0.5], [0.5]]) * length * ahead[begin + 1] - starts
+    # Ways that cross have their middles within the longest one; so much time is as long as ``most``.
+    reach = float(abs(ways).max(initial=0.0)) + 1e-9
+    when, middles = (step[begin] - step[:1]) * (reach / (most / STEP + 1.0)), starts + 0.5 * ways
+    tails, noses = (cKDTree(np.column_stack([m.real, m.imag, when])) for m in middles)
+    pairs = tails.sparse_distance_matrix(noses, reach, p=np.inf, output_type="ndarray")
+    tail, nose = pairs["i"], pairs["j"]
+    a, b, there, here = begin[tail], begin[nose], ways[0, tail], ways[1, nose]
+    gap, across = starts[1, nose] - starts[0, tail], (there.conj() * here).imag
+    # The shares of both ways before the crossing; ways along one another have none.
+    left, came = ((gap.conj() * way).imag / np.where(across, across, np.nan) for way in (here, there))
+    wait = (step[b] + came - step[a] - left) * STEP
     # Directions less than 30 degrees apart, or nearly opposite, are of one lane or of two.
-    keep = (cell[1:] == cell[:-1]) & (v[1:] != v[:-1]) & (wait > 0.0) & (wait < most)
-    keep &= (np.sin(turn) > 0.5) & (np.minimum(speed[1:], speed[:-1]) > MOVING)
-    one = np.flatnonzero(keep)
-    two = one + 1
-    closing = np.hypot(*(ahead[two] * speed[two, None] - ahead[one] * speed[one, None]).T)
-    trucks, nan = np.sort([v[one], v[two]], axis=0), np.full(len(one), np.nan)
-    return np.column_stack([start[two] * STEP, *trucks, nan, wait[keep], turn[keep], closing, x[two], y[two]])
+    keep = (v[a] != v[b]) & (abs((ahead[a].conj() * ahead[b]).imag) > 0.5) & (wait >= 0.0) & (wait < most)
+    k = np.flatnonzero(keep & (np.maximum(abs(left - 0.5), abs(came - 0.5)) < 0.5 + 1e-9))
+    time, spot = (step[b] + came) * STEP, starts[1, nose] + came * here
+    return _moments(f, a[k], b[k], time[k], spot[k]).assign(pet_s=wait[k])
 
 
-def _visits(f: pd.DataFrame, length: float, shift: float) -> pd.DataFrame:
-    """Cells under the middle line of trucks, in order of cell and time; ``end`` is the last step in it."""
-    along = np.linspace(-0.5, 0.5, int(np.ceil(length / (0.5 * CELL))) + 1)[:, None] * length
-    x, y = ((f[c].to_numpy() + along * f[to].to_numpy()).ravel() for c, to in (("x", "east"), ("y", "north")))
-    points = pd.concat([f] * len(along), ignore_index=True).assign(x=x, y=y)
-    points["cell"] = points.groupby([np.floor((v + shift) / CELL) for v in (x, y)]).ngroup()
-    points = points.sort_values(["cell", "vehicle", "step"], ignore_index=True)
-    new = (points[["cell", "vehicle"]].diff() != 0).any(axis=1) | (points["step"].diff() > 2)
-    first = np.flatnonzero(new)
-    ends = points["step"].to_numpy()[np.append(first[1:], len(points))[: len(first)] - 1]
-    return points.iloc[first].assign(end=ends).sort_values(["cell", "step"])
+def _moments(f: pd.DataFrame, a: Ints, b: Ints, time: Floats, spot: Array) -> pd.DataFrame:
+    """Moments (``RAW``) of the rows ``a`` and ``b``, without an indicator."""
+    v, ahead, speed = (f[c].to_numpy() for c in ("vehicle", "ahead", "speed"))
+    one, two = np.sort([v[a], v[b]], axis=0)
+    angle, closing = abs(np.angle(ahead[a].conj() * ahead[b])), abs(ahead[b] * speed[b] - ahead[a] * speed[a])
+    values = (time, one, two, np.nan, np.nan, angle, closing, spot.real, spot.imag)
+    return pd.DataFrame(dict(zip(RAW, values, strict=True)))
 
 
-def _events(found: Floats, names: list[str]) -> pd.DataFrame:
+def _events(raw: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """One row a near miss: moments of one pair close together are one, with the lowest of each indicator."""
-    raw = pd.DataFrame(found, columns=list(RAW)).sort_values(["a", "b", "time"], ignore_index=True)
-    new = (raw[["a", "b"]].diff().abs().sum(axis=1) > 0.0) | (raw["time"].diff() > SAME)
-    groups = raw.groupby(new.cumsum())
-    worst = raw.loc[raw[["ttc", "pet"]].min(axis=1).groupby(new.cumsum()).idxmin()] if len(raw) else raw
-    first = groups["time"].min()
+    raw = raw.sort_values(["a", "b", "start"], ignore_index=True)
+    new = (raw[["a", "b"]].diff().abs().sum(axis=1) > 0.0) | (raw["start"].diff() > SAME)
+    worst = raw[["ttc_s", "pet_s"]].min(axis=1).groupby(new.cumsum()).idxmin().astype(int)
+    lowest = raw.groupby(new.cumsum())[["start", "ttc_s", "pet_s"]].min()
+    out = raw.loc[worst].reset_index(drop=True).assign(**lowest.reset_index(drop=True))
+    out["start"] = stamps((out["start"] * 1e6).round().to_numpy(np.int64))
+    for end in ("a", "b"):
+        out[f"vehicle_{end}"] = [names[int(k)] for k in out[end]]
     kinds = np.array(["behind", "crossing", "head-on"], dtype=object)
-    out = pd.DataFrame({
-        "start": pd.to_datetime((first * 1e6).round().astype("int64").to_numpy(), unit="us", utc=True),
-        "vehicle_a": [names[int(k)] for k in worst["a"]], "vehicle_b": [names[int(k)] for k in worst["b"]],
-        "ttc_s": groups["ttc"].min().to_numpy(), "pet_s": groups["pet"].min().to_numpy(),
-        "kind": kinds[np.digitize(worst["angle"], np.radians([30.0, 150.0]))],
-        "closing_speed": worst["closing"].to_numpy(), "x": worst["x"].to_numpy(), "y": worst["y"].to_numpy(),
-    }, columns=list(TABLE))  # fmt: skip
-    return out.sort_values(["start", "vehicle_a", "vehicle_b"], ignore_index=True)
+    out["kind"] = kinds[np.digitize(out["angle"], np.radians([30.0, 150.0]))]
+    return out[[*TABLE]].sort_values(["start", "vehicle_a", "vehicle_b"], ignore_index=True)

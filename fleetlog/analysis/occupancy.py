@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fleetlog.analysis.apart import LONGEST
 from fleetlog.core.arrays import HOUR, Floats, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
@@ -22,7 +23,6 @@ LABELS = {
     "occupancy": "time [s/m²]", "passages": "passages", "speed": "mean speed [m/s]",
     "energy": "energy [kJ/m²]", "standing": "standing time [s/m²]",
 }  # fmt: skip
-MAX_GAP = 15.0
 STRETCH = 5.0
 MAX_CELLS = 25_000_000
 COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")
@@ -187,7 +187,7 @@ def _patch(t: Trajectory, use: Mask, c: Raster, network: Network | None) -> Patc
     for column in (x, y, time := t.time.view(), speed, power):
         column.flags.writeable = False  # as those of a file are: for others the kernel would be compiled anew
     step = x, y, time, speed, power, STANDING_SPEED, use
-    accumulate(*step, c.x0, c.y0, c.cell, MAX_GAP, c.columns, grid.reshape(-1, 6))
+    accumulate(*step, c.x0, c.y0, c.cell, LONGEST, c.columns, grid.reshape(-1, 6))
     edges = np.zeros((6, 0)) if network is None else _along_edges(t, use, network)
     row, column = np.nonzero(grid[:, :, 0] > 0.0)
     driven = np.flatnonzero(edges[0] > 0.0)
@@ -200,9 +200,9 @@ def _along_edges(t: Trajectory, use: Mask, network: Network) -> Floats:
     first, edge, dt = stretches(network), t.labels("edge_id").recode(network.index), np.diff(t.time) * 1e-6
     number = np.maximum(np.nan_to_num(t.floats("edge_offset")), 0.0) // STRETCH
     place = np.minimum(first[edge] + number, first[edge + 1] - 1)[:-1]
-    here = np.where((edge[:-1] >= 0) & (dt > 0.0) & (dt <= MAX_GAP) & use[:-1], place, -1).astype(np.int64)
+    here = np.where((edge[:-1] >= 0) & (dt > 0.0) & (dt <= LONGEST), place, -1).astype(np.int64)
     v, w = (t.floats(c)[:-1] for c in ("speed", "battery_power"))
-    came, known, on = np.diff(here, prepend=-1) != 0, np.isfinite(w), here >= 0
+    came, known, on = np.diff(here, prepend=-1) != 0, np.isfinite(w), (here >= 0) & use[:-1]
     still = v < STANDING_SPEED
     layers = dt, np.nan_to_num(v) * dt, np.where(known, w, 0.0) * dt, still * dt, came, known * dt
     return np.array([np.bincount(here[on], layer[on], first[-1]) for layer in layers])

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 
+from fleetlog.analysis.apart import settled
 from fleetlog.analysis.utilisation import joined_days, stamps
 from fleetlog.core.arguments import Between, Share
 from fleetlog.core.arrays import Floats, Ints
@@ -49,7 +50,8 @@ def speeding(
     labels, size = tuple(f"{v:.1f} m/s" for v in worst["top_speed"]), np.full(len(worst), 1.0)
     note = f"marked: the {len(worst)} longest of {len(table)}" if len(table) > len(worst) else ""
     marks = Marks("speeding", worst[["x", "y"]].to_numpy(float), labels, size, "critical", note=note)
-    return Result("speeding", summary, {}, {"speeding": table}, [marks], _lines(summary, table))
+    result = Result("speeding", summary, {}, {"speeding": table}, [marks], _lines(summary, table))
+    return settled(result, dataset, "Speeding", "events", "limited_s", "over_s", limit=MAX_GAP)
 
 
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:

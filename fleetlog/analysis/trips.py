@@ -4,6 +4,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Bars, Flows, Marks, Result
@@ -14,6 +15,7 @@ from fleetlog.store import Dataset
 from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 JOULES = 3600.0
+MEANS = "distance_m", "duration_s", "driving_time_s"
 NEAR = 8.0  # Trip ends this close to a place are at it [m]
 SQUARE, MOST_FLOWS = 10.0, 25  # Squares in place of places where a site has none [m]; arrows drawn
 
@@ -34,14 +36,12 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
     charged = known & ((energy < 0.0) | (real.soc_end - real.soc_start > MIN_CHARGE).to_numpy())
     known &= ~charged
     payload = real.payload.dropna()
-    km = float(real.distance[known].sum()) / 1000.0
+    km, driven = float(real.distance[known].sum()) / 1000.0, max(real.driving_time.sum(), 1e-9)
     summary: dict[str, Any] = {
         "vehicles": len(dataset.vehicles), "trips": len(table), "trips_driven": len(real),
         "distance_m": float(table.distance.sum()), "driving_time_s": float(table.driving_time.sum()),
-        "mean_distance_m": float(real.distance.mean()) if len(real) else None,
-        "mean_duration_s": float(real.duration.mean()) if len(real) else None,
-        "mean_driving_time_s": float(real.driving_time.mean()) if len(real) else None,
-        "mean_speed_m_s": float(real.distance.sum() / max(float(real.driving_time.sum()), 1e-9)),
+        **{f"mean_{k}": float(real[k[:-2]].mean()) if len(real) else None for k in MEANS},
+        "mean_speed_m_s": float(real.distance.sum() / driven) if len(real) else None,
         "energy_wh": float(energy[known].sum()) if known.any() else None,
         "energy_wh_per_km": float(energy[known].sum() / km) if km > 0.0 else None,
         "trips_charged": int(charged.sum()),
@@ -54,8 +54,8 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
     bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
     at = real[["x_end", "y_end"]].to_numpy(float)
     ends = Marks("trip ends", at, ("",) * len(at), np.full(len(at), 0.3))
-    tables = {"trips": table, "pairs": pairs}
-    return Result("trips", summary, tables, {}, [_flows(dataset, real), ends, bars], _lines(summary, pairs))
+    tables, lines = {"trips": table, "pairs": pairs}, _lines(summary, pairs, min_distance)
+    return Result("trips", summary, tables, {}, [_flows(dataset, real), ends, bars], lines)
 
 
 def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
@@ -64,18 +64,19 @@ def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
     ends = []
     for name, side in (("from_place", "start"), ("to_place", "end")):
         square = np.floor(table[[f"x_{side}", f"y_{side}"]].to_numpy(float) / SQUARE) * SQUARE + 0.5 * SQUARE
-        known = [spots.get(p, (np.nan, np.nan)) for p in table[name]]
-        ends.append(np.where(np.isfinite(known), known, square).reshape(-1, 2))
-    way, count = np.unique(np.hstack(ends).reshape(-1, 4), axis=0, return_counts=True)
+        known = np.reshape([spots.get(p, (np.nan, np.nan)) for p in table[name]], (-1, 2))
+        ends.append(np.where(np.isfinite(known), known, square))
+    way, count = np.unique(np.hstack(ends), axis=0, return_counts=True)
     real = (way[:, :2] != way[:, 2:]).any(axis=1) & np.isfinite(way).all(axis=1)
     most = np.flatnonzero(real)[np.argsort(-count[real], kind="stable")][:MOST_FLOWS]
     return Flows("trips between places", way[most, :2], way[most, 2:], count[most].astype(float), "trips")
 
 
-def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
-    short = f", {n:,} of them only shunting" if (n := s["trips"] - s["trips_driven"]) else ""
+def _lines(s: dict[str, Any], pairs: pd.DataFrame, shortest: float) -> list[str]:
+    n = s["trips"] - s["trips_driven"]
+    short = f", {n:,} of them only shunting" if s["trips_driven"] else f", none of {shortest:g} m or more"
     out = [
-        f"{count(s['vehicles'], 'truck')} made {count(s['trips'], 'trip')}{short}: "
+        f"{count(s['vehicles'], 'truck')} made {count(s['trips'], 'trip')}{short if n else ''}: "
         f"{s['distance_m'] / 1000.0:.1f} km in {s['driving_time_s'] / 3600.0:.1f} h of driving."
     ]
     if s["mean_distance_m"] is not None:
@@ -98,9 +99,7 @@ def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
 
 def _places(dataset: Dataset, table: pd.DataFrame, end: str) -> list[str]:
     """Name of the site's place at the start or end of each trip, empty where there is none."""
-    if not (places := dataset.site.places):
-        return [""] * len(table)
-    xy, spots = table[[f"x_{end}", f"y_{end}"]].to_numpy(float), np.array([[p.x, p.y] for p in places])
-    gap = np.hypot(*(xy[:, None] - spots).transpose(2, 0, 1))
-    best = np.nan_to_num(gap, nan=np.inf).argmin(axis=1)
-    return [places[k].id if gap[i, k] <= NEAR else "" for i, k in enumerate(best)]
+    spots = np.reshape([(p.x, p.y) for p in dataset.site.places], (-1, 2))
+    at = table[[f"x_{end}", f"y_{end}"]].fillna(np.inf).to_numpy(float)
+    names = [*(p.id for p in dataset.site.places), ""]
+    return [names[k] for k in cKDTree(spots).query(at, distance_upper_bound=NEAR)[1]]

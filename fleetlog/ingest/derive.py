@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, set_unknown
+from fleetlog.store.trips import runs
 
 REACH = 3.0  # A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]
 MAX_REACH = 30.0
@@ -25,6 +26,7 @@ WIDEST = 2.5
 MAX_GAP = 30.0  # No line reaches across a longer silence [s]
 STANDING = 0.15  # Slower than this, or than twice the error of the fit, is standing still [m/s]
 MAX_SPEED = 60.0
+BESIDE, SCATTER = 5, 4.0  # Rows that say where a truck stands; noise keeps within so many deviations of it
 BLOCK = 4096  # Rows that are summed up at once
 
 
@@ -82,7 +84,8 @@ def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None)
     """Speed and heading at (N,) times [s] from positions [m]; NaN where there are too few positions.
 
     Least-squares slopes over time in a window about each row (Savitzky and Golay's first derivative for
-    uneven steps).  Slower than the error of the fit is standing still: speed 0, the heading as it was."""
+    uneven steps).  Slower than the error of the fit is standing still: speed 0, the heading as it was; so is
+    what goes nowhere within the noise of the positions."""
     speed, heading = np.full(len(t), np.nan), np.full(len(t), np.nan)
     have = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if len(have) < 2:
@@ -92,6 +95,7 @@ def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None)
     vy, ey = _slopes(t[have], y[have], first, last)
     fast = np.hypot(vx, vy)
     moving = fast > np.maximum(STANDING, 2.0 * np.minimum(np.hypot(ex, ey), 1.0))
+    _without_noise(np.stack([x, y])[:, have], moving)
     if logged is not None:
         # A log's own speed knows better whether the truck stands.
         own = logged[have]
@@ -100,6 +104,18 @@ def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None)
     speed[have[first == last]] = np.nan
     heading[have] = np.where(moving, np.arctan2(vy, vx), np.nan)
     return speed, pd.Series(heading).ffill().bfill().to_numpy()
+
+
+def _without_noise(at: Floats, moving: Mask) -> None:
+    """Take out of ``moving`` (N,) what stays where the truck stands before and after, within ``SCATTER``
+    times the noise of the positions ``at`` (2, N): second differences have 6 times its variance."""
+    second = np.abs(np.diff(at, 2)[:, ~(moving[2:] | moving[1:-1] | moving[:-2])])
+    noise = np.median(second) / (0.6745 * np.sqrt(6.0)) if second.size else 0.0
+    for a, b in runs(moving):
+        beside = np.r_[max(a - BESIDE, 0) : a, b : min(b + BESIDE, len(moving))]
+        if len(stands := beside[~moving[beside]]):
+            away = at[:, a:b] - np.median(at[:, stands], axis=1, keepdims=True)
+            moving[a:b] = np.hypot(*away).max() > SCATTER * noise
 
 
 def _windows(t: Floats) -> tuple[Ints, Ints]:

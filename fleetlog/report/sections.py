@@ -6,6 +6,7 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
+from fleetlog.analysis.apart import remark
 from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
 from fleetlog.core.words import count, listed, reasons
@@ -138,7 +139,9 @@ def places(f: Facts) -> Part:
             part.blocks.append(picture(f, None, "Places where trucks stop; the larger, the longer", result))
         else:
             part.lines.append("No place was visited three times or more.")
-    part.blocks += [picture(f, grid, "How often trucks pass") for grid in shapes(f, "heatmap", Grid)[:1]]
+    for grid in shapes(f, "heatmap", Grid)[:1]:
+        part.lines += remark("Passages", f.results["heatmap"].summary["left_out_share"])
+        part.blocks.append(picture(f, grid, "How often trucks pass"))
     return part
 
 
@@ -148,8 +151,10 @@ def congestion(f: Facts) -> Part:
         return Part([f"Congestion is not known: {f.missing.get('density', '')}."])
     result = f.results["density"]
     s, areas = result.summary, result.places.get("areas")
-    delay = f"{number(s['delay_s'])} s of delay in all"
-    part = Part([f"{count(s['episodes'], 'episode')} of congestion, {delay}."])
+    said, n = remark("Congestion", s["left_out_share"]), s["episodes"]
+    if n is not None:
+        said.insert(0, f"{count(n, 'episode')} of congestion, {number(s['delay_s'])} s of delay in all.")
+    part = Part(said)
     if areas is not None:
         part.blocks.append(table(areas, "areas", "Where trucks lose most time", most=8))
         marks = [m for m in result.shapes if isinstance(m, Marks)]

@@ -1,9 +1,13 @@
 """The density analysis end to end: conservation, invariance, and a place that must be found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from fleetlog.analysis.clusters.steps import standing_by
 from fleetlog.analysis.density import density
+from fleetlog.analysis.trips import trips
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset, DatasetWriter
@@ -149,3 +153,64 @@ def test_the_timeline_is_the_episodes(fleet):
     e = r.tables["episodes"]
     assert sum(y.sum() for y in series.y.values()) == pytest.approx(e.vehicle_seconds.sum())
     assert set(e.area) - {0} <= set(r.places["areas"].area)
+
+
+def at_shift_start(path, stand, days=1, behind=6.0):
+    """Two trucks parked one behind the other on one road for ``stand`` (2,) seconds, which then drive off."""
+    site = grid_site()
+    n = site.roads()
+    with DatasetWriter.create(path, "recorded", site) as w:
+        for k, still in enumerate(stand):
+            for day in range(days):
+                t = np.arange(still + 40.0)
+                v = np.where(t < still, 0.0, 2.5)
+                s = 18 - behind * k + np.cumsum(v)
+                e = np.where(s <= 20, n.edge("e00x"), n.edge("e10x")).astype(np.int32)
+                s = np.minimum(s - 20 * (s > 20), 20)
+                xy = n.position(e, s)
+                tr = Trajectory(
+                    f"T{k}", T0 + day * 86_400_000_000 + (t * 1e6).astype(np.int64),
+                    {"x": xy[:, 0], "y": xy[:, 1], "speed": v, "edge_id": Labels(e, n.edge_ids), "edge_offset": s},
+                )  # fmt: skip
+                w.write(tr.with_columns(trip_id=trip_ids(tr) + 100 * day))
+    return Dataset(path)
+
+
+def test_what_stands_before_the_first_motion_delays_nobody(tmp_path):
+    """Parked trucks are left out by default: also at the beginning of the log, and of every shift."""
+    for days in (1, 3):
+        r = density(at_shift_start(tmp_path / f"d{days}", (600, 900), days), threshold=10)
+        assert r.summary["delay_s"] == 0.0
+        assert r.summary["clusters"]["all"]["critical_vehicle_seconds"] == pytest.approx(
+            1200 * days, rel=0.05
+        )
+
+
+def test_standstills_at_both_ends_of_a_trip_are_alike():
+    """A log that is read backwards has the same waits on the way."""
+    rng = np.random.default_rng(0)
+    v = np.repeat(rng.choice([0.0, 1.5], 60), rng.integers(1, 9, 60))
+    ids = np.arange(len(v)) // 100
+    time = np.arange(len(v)) * 1_000_000
+    there = standing_by(Trajectory("T", time, {"speed": v, "trip_id": ids}))
+    back = standing_by(Trajectory("T", time, {"speed": v[::-1], "trip_id": ids[::-1].copy()}))
+    assert there.any() and (there == back[::-1]).all() and not there[v > 0].any()
+
+
+@pytest.mark.parametrize("trucks", [1, 2])
+def test_trucks_that_never_drive_are_no_congestion(tmp_path, trucks):
+    d = at_shift_start(tmp_path / "d", (600,) * trucks)
+    with DatasetWriter.create(
+        tmp_path / "p", "recorded", replace(d.site, network=without_limits(d.site))
+    ) as w:
+        for t in d.days():
+            w.write(t[:500])
+    assert density(Dataset(tmp_path / "p")).summary["delay_s"] == 0.0
+    asked = density(Dataset(tmp_path / "p"), include_standing=True).summary["delay_s"]
+    assert asked == pytest.approx(500 * 2 if trucks == 2 else 0)
+    told = trips(Dataset(tmp_path / "p"))
+    assert told.summary["trips_driven"] == 0 and "none of 5 m or more" in told.lines[0]
+
+
+def without_limits(site):
+    return replace(site.roads(), speed_limit=np.full(len(site.roads()), np.nan))

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.ingest.derive import derive_motion, derive_power, fitted_motion, pace_ratio, suspect_unit
+from fleetlog.store.trips import trip_ids
 
 
 @settings(deadline=None)
@@ -42,6 +43,21 @@ def test_the_heading_holds_at_rest() -> None:
     speed, heading = fitted_motion(t, x, np.zeros(60))
     assert (speed[35:] == 0.0).all() and (heading[35:] == 0.0).all()
     assert speed[5:28] == pytest.approx(np.full(23, 2.0))
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.2, 0.5, 1.5])
+@pytest.mark.parametrize("rate", [0.1, 1.0, 5.0])
+def test_noise_of_the_positions_is_no_motion(noise: float, rate: float) -> None:
+    """Four drives with stops of five minutes between them, and no fifth, whatever the noise of the log."""
+    t = np.arange(0.0, 1700.0, 1.0 / rate)
+    driven = np.interp(t, [300, 340, 640, 680, 980, 1020, 1320, 1360], [0, 100, 100, 200, 200, 300, 300, 400])
+    rng = np.random.default_rng(0)
+    x, y = driven + rng.normal(0.0, noise, len(t)), rng.normal(0.0, noise, len(t))
+    speed, _ = fitted_motion(t, x, y)
+    truck = Trajectory("T", (t * 1e6).astype(np.int64), {"speed": speed})
+    assert len(np.unique(trip_ids(truck))) == 4
+    if rate >= 1.0 and noise <= 0.5:  # what is hidden longer than a line is not told
+        assert np.sum(speed) / rate == pytest.approx(400.0, rel=0.05)
 
 
 def test_no_line_across_a_gap() -> None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fleetlog.analysis.apart import LONGEST
 from fleetlog.core.arrays import Array, Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory, concatenate
@@ -26,14 +27,15 @@ Columns = dict[str, Array]
 Near = tuple[Ints, Ints, Index, Floats]  # See :func:`~fleetlog.analysis.kernels.reachable`
 
 HALT = 1.39  # A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]
-MAX_GAP = 15_000_000  # A truck that has been silent for longer is absent [us]
 COLUMNS = ("edge_id", "edge_offset", "speed", "trip_id")
+BOTH_WAYS = slice(None), slice(None, None, -1)  # Forwards and backwards in time
 
 
 @dataclass(frozen=True)
 class Snapshots:
     """All trucks on one time grid; (T, V) arrays.  ``edge`` is -1 where a truck is off the map or silent;
-    ``standing_by``: it has ended a trip and not set off again: parked, charging or handling a load."""
+    ``standing_by``: it has ended a trip and not set off again, or not set off yet: parked, charging or
+    handling a load."""
 
     vehicles: tuple[str, ...]
     time: Ints
@@ -44,13 +46,12 @@ class Snapshots:
 
 
 def standing_by(trajectory: Trajectory) -> Mask:
-    """(N,) whether a row belongs to the standstill that ends its trip: nothing is in its way."""
-    moving = np.nan_to_num(trajectory.floats("speed")) > STANDING_SPEED
-    trips, rows = trajectory.trip_ids(), np.arange(len(trajectory))
-    trip = np.cumsum(np.diff(trips, prepend=trips[:1]) != 0)
-    went = np.full(int(trip[-1]) + 1 if len(trip) else 0, -1)
-    np.maximum.at(went, trip[moving], rows[moving])
-    return np.asarray(rows > went[trip])
+    """(N,) whether a row belongs to the standstill before or after all motion of its trip: nothing is in the
+    way of a truck that has not set off, or has arrived."""
+    moving, ids = np.nan_to_num(trajectory.floats("speed")) > STANDING_SPEED, trajectory.trip_ids()
+    trip = np.cumsum(np.diff(ids, prepend=ids[:1]) != 0)
+    went, goes = (pd.Series(moving[way]).groupby(trip[way]).cummax().to_numpy(bool)[way] for way in BOTH_WAYS)
+    return np.asarray(~(went & goes))
 
 
 def on_grid(dataset: Dataset, date: str, grid: Ints) -> Snapshots:
@@ -74,7 +75,7 @@ def routed(t: Trajectory, arrived: Mask, grid: Ints, network: Network) -> tuple[
     i = np.searchsorted(t.time, grid, side="right") - 1
     j = np.minimum(i + 1, len(t) - 1)
     step, late = t.time[j] - t.time[i], grid - t.time[i]
-    j = np.where(step > MAX_GAP, i, j)
+    j = np.where(step > LONGEST * 1e6, i, j)
     share = np.where(j > i, late / np.maximum(step, 1), 0.0)
     a, b, k = edge[i], edge[j], np.where(share < 0.5, i, j)
     arcs = np.repeat(np.arange(len(network)), np.diff(network.next_first)) * len(network) + network.next_edges
@@ -93,12 +94,13 @@ def _about(dataset: Dataset, vehicle: str, date: str, start: int, stop: int) -> 
     """A vehicle's rows from just before ``start`` to just after ``stop``, of any day; which stand by."""
     before, today, after = (str(np.datetime64(date, "D") + k) for k in (-1, 0, 1))
     t = dataset.read(vehicle, today, COLUMNS)
-    if start < t.time[0] and len(last := dataset.read(vehicle, before, COLUMNS)[-1:]):
-        t = concatenate([last, t])
-    last_trip = t.time[np.searchsorted(t.trip_ids(), t.trip_ids()[-1])]
-    # A truck that stands in a jam at midnight has not arrived: the next day tells.
-    if stop >= min(last_trip, t.time[-1]) and len(more := dataset.read(vehicle, after, COLUMNS)):
-        t = concatenate([t, more])
+    ids = t.trip_ids()
+    first_trip = t.time[np.searchsorted(ids, ids[0], side="right") - 1]
+    last_trip = t.time[np.searchsorted(ids, ids[-1])]
+    # A truck that stands in a jam at midnight has set off and not arrived: the days beside tell.
+    days = [(before, start <= first_trip), (after, stop >= last_trip)]
+    earlier, later = ([dataset.read(vehicle, day, COLUMNS)] if asked else [] for day, asked in days)
+    t = concatenate([piece for piece in (*earlier, t, *later) if len(piece)])
     a = max(int(np.searchsorted(t.time, start, side="right")) - 1, 0)
     b = int(np.searchsorted(t.time, stop)) + 1
     return t[a:b], standing_by(t)[a:b]
