@@ -16,10 +16,11 @@ import pyarrow.parquet as pq
 
 from fleetlog.core.arrays import DAY
 from fleetlog.core.columns import HIVE_NULL
+from fleetlog.core.files import is_url, located
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
-from fleetlog.store.dataset import Dataset, is_url, located, uploaded
+from fleetlog.store.dataset import Dataset, uploaded
 from fleetlog.store.documents import write_json
 from fleetlog.store.events import Tables
 from fleetlog.store.output import PARTIALS, atomic_output, share

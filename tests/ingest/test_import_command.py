@@ -258,3 +258,5 @@ def test_a_log_without_positions_is_taken_and_says_what_cannot_be_asked(
     assert (
         heat.returncode == 1 and "import logs with positions" in heat.stderr and heat.stderr.count("\n") == 1
     )
+    trips = fleetlog("analyze", "trips", tmp_path / "out", "-o", tmp_path / "t")
+    assert trips.returncode == 0 and (tmp_path / "t" / "trips.png").is_file()
