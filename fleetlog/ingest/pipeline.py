@@ -51,7 +51,7 @@ def import_logs(
     scratch = writer.path / ".spill"
     scratch.mkdir()
     try:
-        said = cache(partial(provenance, inputs))
+        said = cache(partial(provenance, inputs, site=site))
         reads = list(_read(logs, scratch, profile, (said, partial(load_matcher, site))))
         _check_read(reads, logs)
         site, frames = site or Site(), profile.map_frames if profile is not None else ()

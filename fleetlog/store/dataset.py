@@ -50,7 +50,8 @@ class Dataset:
             self.meta: dict[str, Any] = json.loads(self._text)
             if (version := self.meta["format_version"]) != FORMAT_VERSION:
                 what = f"format version {version}, this fleetlog reads {FORMAT_VERSION}"
-                raise InputError(what, where=description)
+                do = f"read it with the fleetlog that wrote it, or {REMAKE}"
+                raise InputError(what, where=description, do=do)
             if wrong := [k for k, kind in DESCRIPTION.items() if not isinstance(self.meta.get(k), kind)]:
                 raise InputError(f"damaged: {wrong[0]} is missing or wrong", where=description, do=REMAKE)
 

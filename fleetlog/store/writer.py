@@ -124,7 +124,8 @@ class DatasetWriter:
             do = "rename it: readers take it for unknown"
             raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
         if piece.time[0] <= self._last.get(vehicle, -(1 << 62)):
-            raise DataError(f"vehicle {vehicle}: rows are not later than those already written")
+            what = f"rows of vehicle {vehicle} are not later than those that are there"
+            raise DataError(what, where=self.path, do="leave out the logs of that time")
 
     def _write_part(self, vehicle: str, date: str, table: pa.Table) -> None:
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"

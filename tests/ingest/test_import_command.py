@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import json
 import os
 import shutil
@@ -307,3 +308,33 @@ def test_positions_in_two_frames_are_said(tmp_path: Path) -> None:
     done = fleetlog("import", path, "-o", tmp_path / "out", "--no-recording")
     assert "60 rows have latitude and longitude" in done.stdout and "x_log, y_log" in done.stdout
     assert Dataset(tmp_path / "out").read("A").floats("x_log").tolist() == pytest.approx(1.1 * np.arange(60))
+
+
+def test_what_was_read_is_named(log: Path, tmp_path: Path) -> None:
+    """An import reads the site and its map beside the log, a mission driven again the dataset."""
+    fleetlog("import", log, "--site", SAMPLE / "site.toml", "-o", tmp_path / "out", "--no-recording")
+    again = tmp_path / "again"
+    fleetlog("simulate", "--like", tmp_path / "out", "--truck", SAMPLE / "truck.toml", "--same-mission",
+             "--no-recording", "-o", again)  # fmt: skip
+    named = [
+        {f["file"]: f["sha256"] for f in Dataset(d).meta["provenance"]["inputs"]}
+        for d in (tmp_path / "out", again)
+    ]
+    assert set(named[0]) == {"log.csv", "site.toml", "roads.geojson"}
+    assert named[0]["roads.geojson"] == hashlib.sha256((SAMPLE / "roads.geojson").read_bytes()).hexdigest()
+    assert set(named[1]) == {"truck.toml", "out/dataset.json"}
+
+
+def test_a_whole_file_without_positions_is_not_damaged(log: Path, shared_data: Path, tmp_path: Path) -> None:
+    talk = shared_data / "logs" / "mcap" / "talker.mcap"
+    done = fleetlog("import", log, talk, "-o", tmp_path / "out", "--no-recording", "--json")
+    files = {f["file"]: f for f in json.loads(done.stdout)["files"]}
+    assert done.returncode == 0 and not files["talker.mcap"]["damage"]
+    assert "carries a position" in files["talker.mcap"]["notes"][0]
+
+
+def test_rows_that_are_there_are_not_added_again(log: Path, tmp_path: Path) -> None:
+    fleetlog("import", log, "-o", tmp_path / "out", "--no-recording")
+    done = fleetlog("import", log, "-o", tmp_path / "out", "--append")
+    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert str(tmp_path / "out") in done.stderr and "leave out the logs of that time" in done.stderr

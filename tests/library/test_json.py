@@ -70,7 +70,7 @@ SOMEWHERE = {
     "when": {"column": "ambient_temperature", "below": 5.0, "unit": "degC"},
     "scope": {"vehicles": ["T3"], "from": "2026-03-02T06:00:00Z", "until": None},
     "evidence": {"p_value": 0.001, "held_out_gain": None,
-                 "alternatives": [{"term": "surface_resistance", "held_out_gain": 0.03}]},
+                 "alternatives": [{"term": "surface_resistance", "held_out_gain": 0.03, "depends_on": ["x"]}]},
 }  # fmt: skip
 
 
