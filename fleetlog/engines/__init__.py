@@ -191,10 +191,7 @@ def _packed(*job: Any) -> bytes:
 
 def _unpacked(job: bytes) -> Any:
     """What a job on a worker came to; what it reads is opened there."""
-    try:
-        return attempt(*pickle.loads(job))
-    except (FleetlogError, OSError) as error:
-        return error
+    return attempt(*pickle.loads(job))
 
 
 def address(value: Any) -> str:

@@ -160,7 +160,7 @@ def _driven_only(graph: list[Chain], reread: Reread, settings: Settings) -> list
     """The parts of the chains that were driven, meeting where trucks turned from one into the other."""
     if not graph:
         raise DataError(
-            "the dataset shows no road: no line was driven", do="record for longer, or lower --min-passes"
+            "the dataset shows no road: no line was driven", do="record longer or lower --min-passes"
         )
     graph = pieces(graph, PIECE)
     found = gather_evidence(build_network(two_way_edges(graph)), reread())

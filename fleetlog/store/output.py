@@ -99,9 +99,7 @@ def check_free(
     ``overwrite`` replaces a folder or a regular file that carries the mark of an older output of this
     ``kind``, holds nothing else (a folder) and was not changed since (a file); an empty folder too."""
     if is_url(given := target):
-        raise OutputError(
-            "only datasets are written to a URL", where=str(given), do="name a folder or a file"
-        )
+        raise OutputError("only datasets are written to a URL", where=str(given), do="name a file or folder")
     target = Path(os.path.realpath(target))
     for source in inputs:
         if not is_url(source) and (why := _at_input(target, source)) is not None:

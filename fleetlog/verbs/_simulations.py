@@ -50,11 +50,8 @@ def answer(asked: Asked) -> Answer:
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
     given, asked.site = asked.site, _site(asked)
-    asked.origin = {
-        "inputs": [*read, *([asked.like.path] if like and is_url(like) else ())],
-        "seed": asked.seed,
-    }
-    asked.origin["site"] = asked.site if given is not None else None
+    sources = [*read, asked.like.path] if like and is_url(like) else read
+    asked.origin = {"inputs": sources, "seed": asked.seed, "site": asked.site if given is not None else None}
     asked.physics = _physics(asked)
     if asked.varies:
         return _experiment(asked, read)
