@@ -2,7 +2,8 @@
 
 python docs/scripts/json_schemas.py        write docs/reference/json/*.json and docs/reference/json.md
 
-A key is required where every run had it.  Every number may be null: unknown is null, never zero.
+A key is required where every run had it.  Every number may be null: unknown is null, never zero.  What was null
+in every run may be anything.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ OUT = ROOT / "docs" / "reference" / "json"
 MAPS = {
     "recognised", "rejected", "rejected_values", "derived_by_vehicle", "off_map", "by", "ledger_kwh", "measured_from",
     "waiting_s", "columns", "extent", "entities", "product", "entity", "activity_hours", "factors", "summary", "reports",
-    "tasks", "where", "when", "rows",
+    "tasks", "rows", "kinds", "filled", "not_judged",
 }  # fmt: skip
-"""Keys whose objects have keys of the data: names of vehicles, columns, terms."""
+"""Keys whose objects have keys of the data: names of vehicles, columns, terms, kinds of encounters."""
+OPEN = {"where", "when"}
+"""Objects that say what they have to, null where that is everywhere or always (docs/diagnose.md)."""
 TYPES = {str: "string", bool: "boolean", int: "integer", float: "number", type(None): "null"}
 
 
@@ -97,6 +100,10 @@ def captured(file: Path) -> Any:
 def schema_of(values: list[Any], key: str = "") -> dict[str, Any]:
     """The schema that all ``values`` meet."""
     kinds = {TYPES.get(type(v), "object" if isinstance(v, dict) else "array") for v in values}
+    if key in OPEN:
+        return {"type": ["null", "object"]}
+    if kinds == {"null"}:
+        return {}
     objects = [v for v in values if isinstance(v, dict)]
     items = [x for v in values if isinstance(v, list) for x in v]
     if kinds & {"number", "integer"}:
@@ -129,7 +136,7 @@ def page(schemas: dict[str, dict[str, Any]]) -> str:
             f"\n## fleetlog {name}\n\n[{file_of(name)}](json/{file_of(name)})\n\n| key | type |\n| --- | --- |"
         )
         for key, value in schema.get("properties", {}).items():
-            kind = value.get("type", "")
+            kind = value.get("type", "any")
             kind = kind if isinstance(kind, str) else " or ".join(kind)
             out.append(f"| `{key}` | {kind}{'' if key in schema['required'] else ', where it applies'} |")
     return "\n".join(out) + "\n"

@@ -71,6 +71,9 @@ def chargers(
     existing = tuple(p.id for p in dataset.site.places if p.kind == "charge") if keep_existing else ()
     cost = plan.driving_costs(network, metric, truck)
     must, must_not = (_vertices(dataset, network, names) for names in ((*force, *existing), forbid))
+    if len(both := np.intersect1d(must, must_not)):
+        what = f"vertex {network.node_ids[both[0]]!r} must be a site and must not"
+        raise ArgumentError(what, where="--forbid", do="leave one out; --keep-existing keeps chargers")
     where = spacing, radius, alpha, must, must_not, capacity
     q = plan.Question(network, cost, k, method, variant, demand, metric, *where)
     units = list(each_day(dataset, plan.day_of, shortest, kinds=(plan.Unit,)))

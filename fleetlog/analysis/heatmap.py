@@ -105,7 +105,7 @@ def _summary(dataset: Dataset, here: HeatMap, quantity: Quantity, smooth: float)
         "energy_known_share": float(known.sum() / total), "standing_hours": float(standing.sum() / 3600),
         "visited_cells": int((time > 0).sum()), "on_roads_share": float(here.edges[0].sum() / total),
         "busiest": {"x": x, "y": y, "hours": float(time.max() / 3600)},
-        "dataset": str(Path(dataset.path).name),
+        "dataset": dataset.path.name,
     }  # fmt: skip
 
 

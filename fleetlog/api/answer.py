@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fleetlog import engines, scratch
-from fleetlog.api.inputs import PathLike, files_of
+from fleetlog.api.inputs import PathLike, as_path, files_of
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
-from fleetlog.errors import DataError, OutputError
+from fleetlog.errors import DataError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,7 +73,7 @@ class Answer(Result):
         folder = self.folder and self.write is not None
         with destination(output, self.kind, overwrite, self.inputs, folder) as keep:
             keep(self)
-        return Path(output)
+        return as_path(output)
 
     def show(self) -> None:
         """Open the recording in the Rerun viewer, or the page in a browser."""
@@ -123,10 +123,7 @@ def destination(
     from fleetlog.store.output import atomic_output
 
     files = files_of(*read)
-    if "://" in str(output):
-        raise OutputError("only datasets are written to a URL", where=str(output), do="name a folder")
-
-    place = None if output is None else Path(output)
+    place = None if output is None else as_path(output)
 
     def keep(answer: Answer) -> Answer:
         if target is not None:
@@ -178,9 +175,10 @@ class Tables(dict[str, Any]):
     def __getitem__(self, name: str) -> pd.DataFrame:
         import pandas as pd
 
-        if isinstance(super().__getitem__(name), Path):
-            self[name] = pd.read_parquet(super().__getitem__(name))
-        return super().__getitem__(name)  # type: ignore[no-any-return]
+        if not isinstance(table := super().__getitem__(name), pd.DataFrame):
+            with table.open("rb") as stream:
+                self[name] = table = pd.read_parquet(stream)
+        return table
 
     def items(self) -> Any:
         """Names and tables."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
 
 from fleetlog import scratch
 from fleetlog.core.arguments import Named
+from fleetlog.core.files import is_url, located
 from fleetlog.errors import InputError
 from fleetlog.listening import notice
 
@@ -97,17 +98,14 @@ def as_path(value: Any) -> Path:
         return _written(value, "table.parquet")
     if hasattr(value, "dataset"):
         value = value.dataset
-    where = value if "://" in str(value) else getattr(value, "path", value)
-    if "://" in str(where):
-        from fleetlog.store.dataset import located
-
-        return located(where)
-    path = Path(where)
+    path = located(value if is_url(value) else getattr(value, "path", value))
+    if is_url(path):
+        return path
     try:
         with suppress(OSError):
             path.stat()
     except ValueError:  # of what no file can be called
-        raise InputError("is no name of a file", where=repr(str(where)), do="correct it") from None
+        raise InputError("is no name of a file", where=repr(str(path)), do="correct it") from None
     return path
 
 
@@ -128,7 +126,7 @@ def files_of(*values: Any) -> list[Path]:
     """Return the paths of this machine among arguments: what a run reads and must not write over."""
     some = [v for value in values for v in (value if isinstance(value, list | tuple) else (value,))]
     named = [v for v in some if isinstance(v, str | os.PathLike) or hasattr(v, "path")]
-    return [as_path(v) for v in named if "://" not in f"{v} {getattr(v, 'path', '')}"]
+    return [as_path(v) for v in named if not (is_url(v) or is_url(getattr(v, "path", "")))]
 
 
 def _is_frame(value: Any) -> bool:

@@ -124,7 +124,7 @@ def description(docstring: str | None) -> str:
 
 JOBS = (
     Option("workers", None, SHARED["workers"], check=Between(1, 1024, whole=True)),
-    Option("scheduler", None, SHARED["scheduler"], check=Named("ADDRESS")),
+    Option("scheduler", None, SHARED["scheduler"], check=Named("ADDRESS", check=engines.address)),
 )
 """Where jobs run."""
 Fill = Callable[[dict[str, Any], dict[str, Option]], dict[str, Any]]

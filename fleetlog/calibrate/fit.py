@@ -21,6 +21,7 @@ import numpy as np
 
 from fleetlog.calibrate.observe import Observations, observations, together
 from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.files import located
 from fleetlog.core.truck import SECTIONS, Truck
 from fleetlog.physics.power import Physics
 
@@ -111,7 +112,7 @@ class Fit:
 def calibrate(measurements: Sequence[str | Path], truck: Truck, physics: Physics | None = None) -> Fit:
     """Fit a truck to datasets and CSV tables (:class:`fleetlog.calibrate.observe.Run`), ``physics`` given."""
     base = Physics(truck) if physics is None else Physics(truck, physics.values, physics.off, physics.fields)
-    return fit(together([observations(Path(m), base) for m in measurements]), base)
+    return fit(together([observations(located(m), base) for m in measurements]), base)
 
 
 def fit(observed: Observations, physics: Physics) -> Fit:

@@ -75,10 +75,10 @@ def _finished(status: int) -> int:
     return status
 
 
-def _complain(text: str, status: int = EXIT_INPUT) -> int:
-    """One line, and the status; a scratch file is called by the name that it would have had."""
+def _complain(text: str) -> int:
+    """One line, and its status; a scratch file is called by the name that it would have had."""
     notice("fleetlog: " + re.sub(r"\.([^/]+)\.partial/new", r"\1", text))
-    return status
+    return EXIT_INPUT
 
 
 def _status() -> int:
@@ -94,7 +94,8 @@ def _status() -> int:
     except (Exception, KeyboardInterrupt) as error:
         # A library that was torn out of its loading by an interrupt fails in its own way.
         if interrupt.came() or isinstance(error, click.exceptions.Abort | KeyboardInterrupt):
-            return _complain("interrupted; nothing was written", EXIT_INTERRUPTED)
+            notice(interrupt.TOLD)
+            return EXIT_INTERRUPTED
         if os.environ.get("FLEETLOG_DEBUG") and not isinstance(error, FleetlogError | OSError | MemoryError):
             raise
         return EXIT_INPUT if isinstance(error, BrokenPipeError) else _complain(_line(error))

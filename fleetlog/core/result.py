@@ -53,6 +53,13 @@ class Marks:
     kind: Literal["place", "charger", "critical", "point", "pick", "drop", "park", "charge"] = "point"
     note: str = ""
 
+    def __post_init__(self) -> None:
+        """What has no place is no mark."""
+        known = np.asarray(np.isfinite(self.xy).all(axis=1))
+        if not known.all():
+            labels = tuple(label for label, keep in zip(self.labels, known, strict=True) if keep)
+            vars(self).update(xy=self.xy[known], labels=labels, size=self.size[known])
+
 
 @dataclass(frozen=True)
 class Flows:

@@ -3,12 +3,17 @@
 An engine does jobs, in any order, and gives their results in the order of the jobs."""
 
 import os
+import pickle
+import re
+from collections import ChainMap
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
 from importlib import import_module
-from typing import Any, TypeAlias, TypeVar
+from io import BytesIO
+from pathlib import Path
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from fleetlog.errors import DataError, FleetlogError, InputError, fault
 from fleetlog.registry import extra
@@ -156,7 +161,7 @@ class Cluster(Engine):
         try:
             for turn, job in enumerate(jobs):
                 more = jobs[turn + len(futures) : turn + AHEAD * self.workers]
-                futures += [self.client.submit(attempt, work, later, name, pure=False) for later in more]
+                futures += [self.client.submit(_unpacked, _packed(work, j, name), pure=False) for j in more]
                 while tasks:
                     tasks.pop(0)()
                 try:
@@ -170,3 +175,27 @@ class Cluster(Engine):
     def close(self) -> None:
         """Leave the cluster as it was."""
         self.client.close()
+
+
+def _packed(*job: Any) -> bytes:
+    """A job for a worker in whatever folder: its paths are absolute; the scheduler does not open it."""
+    from cloudpickle import Pickler
+
+    class Absolute(Pickler):  # type: ignore[misc]  # it carries no types
+        absolute: ClassVar = {type(Path()): lambda path: (Path, (str(path.absolute()),))}
+        dispatch_table: ClassVar = ChainMap(absolute, Pickler.dispatch_table)
+
+    Absolute(out := BytesIO()).dump(job)
+    return out.getvalue()
+
+
+def _unpacked(job: bytes) -> Any:
+    """What a job on a worker came to; what it reads is opened there."""
+    return attempt(*pickle.loads(job))
+
+
+def address(value: Any) -> str:
+    """Return the address of a scheduler; ``ValueError`` where it cannot be one."""
+    if not re.fullmatch(r"((tcp|tls|ws|wss)://)?[^/\s]+:\d+/?", str(value)):
+        raise ValueError(f"{value!r} is no address of a scheduler; write tcp://HOST:PORT")
+    return str(value)

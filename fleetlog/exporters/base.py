@@ -21,6 +21,7 @@ from fleetlog import interrupt
 from fleetlog.core.arguments import PartOf
 from fleetlog.core.arrays import DAY, Floats, Ints, microseconds
 from fleetlog.core.columns import SCHEMA
+from fleetlog.core.files import located
 from fleetlog.core.trajectory import Trajectory, from_arrow, to_arrow
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.store import Dataset
@@ -67,7 +68,9 @@ class Selection:
         """The contract's columns, then every further one of any part, from the files' descriptions only."""
         fields = {f.name: _plain(f) for f in SCHEMA}
         for part in (p for v in self.vehicles for p in self.dataset.parts(v)):
-            for f in pq.read_schema(part):
+            with part.open("rb") as stream:
+                schema = pq.read_schema(stream)
+            for f in schema:
                 if f.name not in fields or pa.types.is_null(fields[f.name].type):
                     fields[f.name] = _plain(f)
         return pa.schema([f for f in fields.values() if f.name != "date"])
@@ -101,8 +104,9 @@ def _rows_from(begin: int, part: Path, vehicle: str, columns: Sequence[str]) -> 
     """The rows of a file from ``begin`` on for ``WINDOW``; row groups outside are not read."""
     first, last = (pa.scalar(t, pa.timestamp("us", tz="UTC")) for t in (begin, begin + WINDOW))
     inside = [("timestamp", ">=", first), ("timestamp", "<", last)]
-    want = [name for name in pq.read_schema(part).names if name in ("timestamp", *columns)]
-    return from_arrow(pq.read_table(part, columns=want, filters=inside, partitioning=None), vehicle)
+    with part.open("rb") as stream:
+        want = [name for name in pq.read_schema(stream).names if name in ("timestamp", *columns)]
+        return from_arrow(pq.read_table(stream, columns=want, filters=inside), vehicle)
 
 
 def _plain(field: pa.Field) -> pa.Field:
@@ -119,7 +123,7 @@ def export_dataset(
     replaced. Returns a summary: format, file, vehicles, rows, bytes and what the format adds."""
     if to not in FORMATS.names():
         raise InputError(f"no export format {to!r}", do=nearest(to, FORMATS.names()))
-    output, source = Path(output), dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    output, source = located(output), dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     for vehicle in vehicles:
         source.parts(vehicle)
     chosen = tuple(vehicles) or tuple(source.vehicles)

@@ -104,6 +104,8 @@ class TableRows:
         if self.fields.vehicle is None:
             return Labels(np.zeros(table.num_rows, np.int32), (self.vehicle,))
         found = labels_of(table.column(self.fields.vehicle))
+        if cut := [name for name in found.names if name.strip() and name != name.strip()]:
+            self.report.note(f"blanks about vehicle ids are left out, as of {cut[0]!r}")
         return renamed(found, [name.strip() or None for name in found.names])
 
     def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> Labels:

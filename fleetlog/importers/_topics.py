@@ -15,7 +15,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats
 from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
-from fleetlog.errors import FormatError
+from fleetlog.errors import DataError, FormatError
 from fleetlog.importers._messages import KINDS, POSITIONS, Topic, normal_name, numbers, readers, stamp_of
 from fleetlog.importers._open import ReadReport, plain_stem, refuse_packed
 from fleetlog.importers._rows import BATCH, LOOKED_FOR, Rows, Sample
@@ -114,7 +114,7 @@ def plan(
         what = "no topic in it, so no position"
         if topics:
             what = f"none of its {count(len(topics), 'topic')} carries a position: {listed(topics)}"
-        raise FormatError(what, where=path, do="record " + " or ".join(list(KINDS)[:3]))
+        raise DataError(what, where=path, do="record " + " or ".join(list(KINDS)[:3]))
     naming = [*wanted, *(t for t in frames if not _is_static(t))]
     names = {t.name: one for t in topics} if one else _vehicles(naming, default)
     # Topics of transforms: those of one namespace make one tree of frames.

@@ -53,7 +53,7 @@ class _Gpx(Elements):
         if self.seen["trkpt"]:
             points, why = count(self.seen["trkpt"], "track point"), self.rows.take().rejects[0].reason
             what = f"none of its {points} can be used: {why}"
-        return what, "record the track with times"
+        return what, "record the track with times" if any(self.seen.values()) else "check the format"
 
     def describe(self) -> None:
         super().describe()

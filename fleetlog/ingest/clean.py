@@ -77,7 +77,8 @@ def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
         slack = 1e-6 * (1.0 + abs(high - low)) if column.name in ("soc", "heading") else 0.0
         beyond = (values < low - slack) | (values > high + slack)
         if beyond.any():
-            reason = f"{column.name} is beyond {low:g} to {high:g} {column.unit}".rstrip()
+            unit = "" if column.unit == "1" else f" {column.unit}"
+            reason = f"{column.name} is beyond {low:g} to {high:g}{unit}".rstrip()
             rejects.refuse(rows, beyond, reason, whole=False)
             rows = set_unknown(rows, beyond, column.name)
         if slack:

@@ -11,7 +11,7 @@ import numpy as np
 
 from fleetlog.core.trajectory import Labels
 from fleetlog.core.words import count
-from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, InputError
+from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, DataError, FleetlogError, InputError
 from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile, load_profile
@@ -42,7 +42,10 @@ class Log:
     def unusable(self, name: str, error: FleetlogError) -> FileSummary:
         """What is said of a log that could not be read at all."""
         kind = self.importer.name if self.importer else "unknown format"
-        return FileSummary(name, kind, damage=[f"nothing is usable: {error.advice}"])
+        told = [f"nothing is usable: {error.advice}"]
+        # A whole file that holds nothing of a truck's way is not damaged.
+        whole = isinstance(error, DataError)
+        return FileSummary(name, kind, notes=told if whole else [], damage=[] if whole else told)
 
 
 def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Log]:

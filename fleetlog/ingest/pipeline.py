@@ -15,7 +15,7 @@ from pathlib import Path
 
 from fleetlog import engines
 from fleetlog.core.site import MapFrame, Site
-from fleetlog.core.words import listed
+from fleetlog.core.words import listed, reasons
 from fleetlog.errors import InputError
 from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.ingest.clean import sort_rows
@@ -51,7 +51,7 @@ def import_logs(
     scratch = writer.path / ".spill"
     scratch.mkdir()
     try:
-        said = cache(partial(provenance, inputs))
+        said = cache(partial(provenance, inputs, site=site))
         reads = list(_read(logs, scratch, profile, (said, partial(load_matcher, site))))
         _check_read(reads, logs)
         site, frames = site or Site(), profile.map_frames if profile is not None else ()
@@ -95,12 +95,8 @@ def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:
         do = "map latitude and longitude, x and y, or speed in a profile (--profile FILE.toml)"
         raise InputError("no position and no speed in the log", where=where, do=do)
     counts = sum((r.rejects.rows for r in reads), Counter[str]())
-    why = f" (refused {_reasons(dict(counts.most_common(3)))})" if counts else ""
+    why = f" (refused: {reasons(dict(counts.most_common(3)))})" if counts else ""
     raise InputError(f"no usable row in the log{why}", where=where, do="see docs/logs.md")
-
-
-def _reasons(counts: dict[str, int]) -> str:
-    return ", ".join(f"{n:,}: {reason}" for reason, n in counts.items())
 
 
 def _aligned(slips: Mapping[str, Sequence[Slip]], site: Site, summary: ImportSummary) -> MapFrame:
@@ -149,7 +145,7 @@ def _write(reads: Sequence[Read], plan: Plan, writer: DatasetWriter, *, align: b
     summary.rejected, summary.rejected_values = dict(rejects.rows), dict(rejects.values)
     summary.rejected_file = REJECTED if rejects.file else None
     if not summary.rows:
-        raise InputError("every row was refused", do=_reasons(summary.rejected))
+        raise InputError("every row was refused", do=reasons(summary.rejected))
     return summary
 
 

@@ -12,6 +12,7 @@ from urllib.parse import SplitResult, unquote, urlsplit
 
 from fleetlog import interrupt
 from fleetlog.errors import InputError
+from fleetlog.listening import notice
 from fleetlog.registry import extra
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
@@ -66,6 +67,7 @@ def record(
     place, topic = _parsed(url)
     capture, client = Capture(topic, out, messages), _client(place, client_id)
     client.on_connect, client.on_message = capture.connected, capture.message
+    notice(f"capturing {url.rpartition('@')[2]}; Ctrl-C ends it and keeps what came")
     until = None if duration is None else time.monotonic() + duration
     no_answer, do = "no broker answers", "check host and port"
     try:

@@ -18,7 +18,7 @@ from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Rejects, Slip, windows, with_own_columns
-from fleetlog.ingest.summary import MOST_PACES, Outcome
+from fleetlog.ingest.summary import DERIVED, MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
 
@@ -118,6 +118,12 @@ class VehicleImport:
         if not full.has("trip_id") or (trips < self._first_trip).any() or (np.diff(trips) < 0).any():
             trips = trip_ids(full, self._trip)
         cut = len(rows) if last else _cut(trips)
+        for name in DERIVED:  # of a column without any value in the log ``derived`` tells
+            if rows.has(name):
+                made = (
+                    np.isfinite(full.floats(name)) & np.isnan(rows.floats(name)) & ~(rows.floats(HELD) > 0.0)
+                )
+                self.out.filled[name] += int(made[:cut].sum())
         self._write(full[:cut].with_columns(trip_id=trips[:cut]))
         if not last:
             self._kept_back, self._trip = [rows[cut:]], int(trips[cut])
@@ -129,6 +135,8 @@ class VehicleImport:
         rows = clean.bound_values(rows, self.rejects)
         sample = into_site(rows, site.map_frames, self.plan.every)
         rows = place(sample, site)
+        if "x_log" in rows and "x_log" not in sample:
+            self.out.counts["other_frame"] += len(rows)
         if check and len(rows):
             check_place(rows, site, sample)
         # Of a vehicle without positions there is no row that values of other messages go onto.
@@ -145,7 +153,7 @@ class VehicleImport:
     def _derive(self, rows: Trajectory) -> Trajectory:
         rows = clean.unstick(derive.fill_positions(rows))
         full = derive.derive_power(derive.derive_motion(rows))
-        if made := [n for n in ("speed", "heading", "battery_power") if full.has(n) and not rows.has(n)]:
+        if made := [n for n in DERIVED if full.has(n) and not rows.has(n)]:
             known = self.out.derived.setdefault(rows.vehicle_id, [])
             known += [n for n in made if n not in known]
         return full

@@ -14,6 +14,11 @@ from fleetlog.ingest.rows import Rejects
 from fleetlog.store.trips import Columns, contents_of, trips_of
 
 MOST_PACES = 50
+DERIVED = {
+    "x": "positions are placed between the fixes before and after", "speed": "speeds come from the positions",
+    "heading": "headings come from the positions", "battery_power": "powers are voltage times current",
+}  # fmt: skip
+"""Columns of which values that a log does not have are made from others, and how."""
 
 
 @dataclass
@@ -51,6 +56,8 @@ class ImportSummary:
     derived: list[str] = field(default_factory=list)  # Columns made from others
     derived_by_vehicle: dict[str, list[str]] = field(default_factory=dict)
     """The same by vehicle: what was derived is no channel that a diagnosis may test."""
+    filled: dict[str, int] = field(default_factory=dict)
+    """By column, how many values that the log lacks among its own were made from others."""
     notes: list[str] = field(default_factory=list)
     alignment: dict[str, Any] | None = None  # The frame that was fitted to the roads, its residual and doubt
     trips: int = 0
@@ -123,9 +130,10 @@ class Outcome:
     columns: dict[str, str] = field(default_factory=dict)  # The unit of every column
     counts: Counter[str] = field(default_factory=Counter)
     """Rows ``joined``, ``matched``, ``on_road``, ``kept`` with edges of the log's own, of a ``stuck`` sensor,
-    ``held`` at a repeated position."""
+    ``held`` at a repeated position, whose x, y are of an ``other_frame`` than latitude and longitude."""
     off_map: Counter[str] = field(default_factory=Counter)  # Rows without a road, by reason
     derived: dict[str, list[str]] = field(default_factory=dict)  # Columns made from others, by vehicle
+    filled: Counter[str] = field(default_factory=Counter)  # Single values made from others, by column
     paces: list[float] = field(default_factory=list)  # Speeds of the log over those of its positions
 
 
@@ -140,6 +148,11 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     summary.derived_by_vehicle = {vehicle: made for o in outcomes for vehicle, made in o.derived.items()}
     summary.derived = sorted({name for made in summary.derived_by_vehicle.values() for name in made})
     paces = [] if "speed" in summary.derived else [p for o in outcomes for p in o.paces]
+    filled = sum((o.filled for o in outcomes), Counter[str]())
+    summary.filled = dict(sorted((+filled).items()))
+    summary.notes += [
+        f"{n:,} {DERIVED[name]} (unknown in the log, or rejected)" for name, n in summary.filled.items()
+    ]
     summary.notes += _notes(counts, paces[:MOST_PACES])
     if counts["matched"]:
         summary.matched = counts["on_road"] / counts["matched"]
@@ -149,7 +162,7 @@ def _notes(counts: Counter[str], paces: list[float]) -> list[str]:
     """What a person should know of the sensors."""
     out = []
     if counts["stuck"]:
-        what = "values of speed, power or current are unknown: their sensor was stuck"
+        what = "values of speed, power or current are not taken: their sensor was stuck"
         out.append(f"{counts['stuck']:,} {what}")
     if counts["held"]:
         where = "placed between the fixes by the distance driven"
@@ -157,6 +170,9 @@ def _notes(counts: Counter[str], paces: list[float]) -> list[str]:
     if unit := suspect_unit(paces):
         like = f"{unit[1]:.2f} times that of the positions, as if it were in {unit[0]}"
         out.append(f"the speed is about {like}: check its unit")
+    if n := counts["other_frame"]:
+        what = "have latitude and longitude, and x, y of another frame: these are kept as x_log, y_log"
+        out.append(f"{n:,} rows {what}")
     if counts["kept"]:
         out.append(f"the edges of {counts['kept']:,} rows are those that the log has")
     return out

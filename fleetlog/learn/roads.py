@@ -159,7 +159,9 @@ def learn_roads(cells: Driven, noise: float, reread: Reread, settings: Settings)
 def _driven_only(graph: list[Chain], reread: Reread, settings: Settings) -> list[Chain]:
     """The parts of the chains that were driven, meeting where trucks turned from one into the other."""
     if not graph:
-        raise DataError("shows no road: no line was driven", do="record for longer, or lower --min-passes")
+        raise DataError(
+            "the dataset shows no road: no line was driven", do="record longer or lower --min-passes"
+        )
     graph = pieces(graph, PIECE)
     found = gather_evidence(build_network(two_way_edges(graph)), reread())
     total = found.passes.reshape(-1, 2).sum(axis=1)

@@ -219,5 +219,7 @@ class Recorder:
 
 
 def rounded(columns: dict[str, Floats]) -> dict[str, Values]:
-    """Columns to the decimals that a simulation writes."""
+    """Columns to the decimals that a simulation writes; headings from -pi to pi."""
+    if "heading" in columns:
+        columns = {**columns, "heading": np.remainder(columns["heading"] + np.pi, 2.0 * np.pi) - np.pi}
     return {name: np.round(values, DIGITS[name]) for name, values in columns.items()}

@@ -150,7 +150,8 @@ def _number(row: dict[str, str], name: str, default: float, start: int = 0) -> f
     try:
         return Between(0.0)((moment(text) - start) / 1e6 if ":" in text else text or default)
     except ValueError as error:
-        raise InputError(f"{name} {error}") from None
+        do = f"write {'kilograms' if name == 'payload' else 'seconds, or a time in UTC'}"
+        raise InputError(f"{name} {error}", do=do) from None
 
 
 def check_doable(tasks: Sequence[Task], loads: Mapping[str, float]) -> None:

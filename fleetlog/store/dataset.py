@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from fleetlog import scratch
 from fleetlog.core.arrays import microseconds
+from fleetlog.core.files import is_url, located
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
 from fleetlog.errors import DataError, FleetlogError, InputError, OutputError, chosen
@@ -49,13 +50,14 @@ class Dataset:
             self.meta: dict[str, Any] = json.loads(self._text)
             if (version := self.meta["format_version"]) != FORMAT_VERSION:
                 what = f"format version {version}, this fleetlog reads {FORMAT_VERSION}"
-                raise InputError(what, where=description)
+                do = f"read it with the fleetlog that wrote it, or {REMAKE}"
+                raise InputError(what, where=description, do=do)
             if wrong := [k for k, kind in DESCRIPTION.items() if not isinstance(self.meta.get(k), kind)]:
                 raise InputError(f"damaged: {wrong[0]} is missing or wrong", where=description, do=REMAKE)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For another process: by its name; the description tells a dataset that was made again."""
-        return _reopened, (str(self.path), self._text)
+        return _reopened, (str(self.path) if is_url(self.path) else self.path, self._text)
 
     def here(self) -> Dataset:
         """The dataset in this process, where it was handed to it as it was: connections do not fork."""
@@ -173,7 +175,7 @@ class Dataset:
 
 
 @lru_cache(maxsize=4)
-def _reopened(path: str, text: str) -> Dataset:
+def _reopened(path: str | Path, text: str) -> Dataset:
     """A dataset in another process, of which the site is read once; ``text`` is its description."""
     return Dataset(path)
 
@@ -215,34 +217,6 @@ def _of(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int | Non
         else:
             for batch in file.iter_batches(rows, columns=wanted):
                 yield from_arrow(pa.Table.from_batches([batch]), vehicle)
-
-
-EXTRA = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "az": "adlfs", "abfs": "adlfs"}
-"""What opens the addresses of each kind."""
-
-
-def is_url(path: Any) -> bool:
-    """Return whether a name is an address and not a file of this machine."""
-    return "://" in str(path)
-
-
-def located(path: str | Path) -> Path:
-    """The path of a file or a folder; of a URL, an object that is used like one."""
-    if not is_url(path):
-        return Path(path)
-    if not isinstance(path, str):
-        return path
-    kind = path.partition("://")[0]
-    try:
-        from upath import UPath
-
-        where: Any = UPath(path.rstrip("/"))
-        where.fs.invalidate_cache()
-    except (ImportError, ValueError) as error:
-        what = f"addresses of the kind {kind}:// cannot be opened ({error})"
-        do = f"pip install 'fleetlog[cloud]' {EXTRA.get(kind, '')}".rstrip()
-        raise InputError(what, where=path, do=do) from None
-    return where  # type: ignore[no-any-return]  # it quacks
 
 
 @contextmanager

@@ -24,7 +24,8 @@ import numpy as np
 
 from fleetlog import engines
 from fleetlog.core.arrays import Array
-from fleetlog.store.dataset import Dataset, is_url
+from fleetlog.core.files import is_url
+from fleetlog.store.dataset import Dataset
 from fleetlog.store.output import PARTIALS
 
 P = TypeVar("P")

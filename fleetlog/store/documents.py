@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.site import Site
 from fleetlog.version import __version__
 
 ENGINE = ("--workers", "--scheduler")  # Options that say where jobs run: no result depends on them
@@ -45,9 +46,17 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def provenance(inputs: Iterable[Path] = (), seed: int | None = None, **more: Any) -> dict[str, Any]:
-    """Command line, version, inputs with their digests, seed."""
-    files = [{"file": p.name, "bytes": p.stat().st_size, "sha256": digest(p)} for p in inputs if p.is_file()]
+def provenance(
+    inputs: Iterable[Path] = (), seed: int | None = None, site: Site | None = None, **more: Any
+) -> dict[str, Any]:
+    """Command line, version, inputs with their digests, seed. A dataset among the inputs is told by its
+    description, a ``site`` by the files that it was read from."""
+    told = [p / "dataset.json" if (p / "dataset.json").is_file() else p for p in inputs]
+    named = ((f"{p.parent.name}/{p.name}" if p.name == "dataset.json" else p.name, p) for p in told)
+    files = [{"file": n, "bytes": p.stat().st_size, "sha256": digest(p)} for n, p in named if p.is_file()]
+    known = {f["sha256"] for f in files}
+    sources = [] if site is None else [s for s in site.source.values() if s["sha256"] not in known]
+    files += [{"file": s["file"], "sha256": s["sha256"]} for s in sources]
     given = sys.argv[1:]
     words = [
         word for word, before in zip(given, ["", *given], strict=False)

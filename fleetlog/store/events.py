@@ -97,5 +97,5 @@ def read_table(dataset: Dataset, name: Name, *, compact: bool = False) -> pd.Dat
         return None
     path = dataset.path / str(entry["file"])
     labels = [c.name for c in TABLES[name] if c.kind == "label"] if compact else []
-    with undamaged(path):
-        return pq.read_table(path, read_dictionary=labels).to_pandas()  # type: ignore[no-any-return]
+    with undamaged(path), path.open("rb") as stream:
+        return pq.read_table(stream, read_dictionary=labels).to_pandas()  # type: ignore[no-any-return]

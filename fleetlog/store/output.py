@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog import interrupt
+from fleetlog.core.files import is_url
 from fleetlog.errors import OutputError
 from fleetlog.store.documents import digest, write_json
 from fleetlog.version import __version__
@@ -44,8 +45,8 @@ def atomic_output(
     inputs : files and folders that the run reads.
 
     :class:`OutputError` where it must not be replaced (:func:`check_free`) or another run writes to it."""
-    given, target, inputs = target, Path(os.path.realpath(target)), list(inputs)
-    check_free(given, kind, overwrite=overwrite, folder=folder, inputs=inputs)
+    given, inputs = target, list(inputs)
+    target = check_free(given, kind, overwrite=overwrite, folder=folder, inputs=inputs)
     interrupt.keep_from_arrow()
     with _parents(target), _claimed(target) as scratch:
         new = scratch / "new"
@@ -92,18 +93,21 @@ def share(source: Path, target: Path) -> None:
 
 def check_free(
     target: str | Path, kind: str, *, overwrite: bool, folder: bool = True, inputs: Iterable[Path] = ()
-) -> None:
-    """Raise :class:`OutputError` if ``target`` is read by the run, or is there and must not be replaced.
+) -> Path:
+    """Return where ``target`` really is; raise :class:`OutputError` if it is a URL or is read by the run, or
+    is there and must not be replaced.
     ``overwrite`` replaces a folder or a regular file that carries the mark of an older output of this
     ``kind``, holds nothing else (a folder) and was not changed since (a file); an empty folder too."""
-    given, target = target, Path(os.path.realpath(target))
+    if is_url(given := target):
+        raise OutputError("only datasets are written to a URL", where=str(given), do="name a file or folder")
+    target = Path(os.path.realpath(target))
     for source in inputs:
-        if (why := _at_input(target, source)) is not None:
+        if not is_url(source) and (why := _at_input(target, source)) is not None:
             raise OutputError(why, where=given, do="choose another name")
     try:
         mode = target.lstat().st_mode
     except FileNotFoundError:
-        return
+        return target
     if not (stat.S_ISDIR(mode) or stat.S_ISREG(mode)):
         raise OutputError("is a device, a pipe or a socket", where=given, do="name a file or a folder")
     if stat.S_ISDIR(mode) != folder:
@@ -115,6 +119,7 @@ def check_free(
     if (why := _foreign(target, kind)) is not None:
         do = "choose another name or remove it yourself"
         raise OutputError(f"{why}; it is not replaced", where=given, do=do)
+    return target
 
 
 def _at_input(target: Path, given: Path) -> str | None:

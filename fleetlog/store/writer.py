@@ -16,10 +16,11 @@ import pyarrow.parquet as pq
 
 from fleetlog.core.arrays import DAY
 from fleetlog.core.columns import HIVE_NULL
+from fleetlog.core.files import is_url, located
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
-from fleetlog.store.dataset import Dataset, is_url, located, uploaded
+from fleetlog.store.dataset import Dataset, uploaded
 from fleetlog.store.documents import write_json
 from fleetlog.store.events import Tables
 from fleetlog.store.output import PARTIALS, atomic_output, share
@@ -123,7 +124,8 @@ class DatasetWriter:
             do = "rename it: readers take it for unknown"
             raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
         if piece.time[0] <= self._last.get(vehicle, -(1 << 62)):
-            raise DataError(f"vehicle {vehicle}: rows are not later than those already written")
+            what = f"rows of vehicle {vehicle} are not later than those that are there"
+            raise DataError(what, where=self.path, do="leave out the logs of that time")
 
     def _write_part(self, vehicle: str, date: str, table: pa.Table) -> None:
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"

@@ -11,6 +11,7 @@ from fleetlog import scratch
 from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, dataset_answer, destination, write_folder
 from fleetlog.core.arguments import factor, moment, seconds
+from fleetlog.core.files import is_url
 from fleetlog.core.site import Site
 from fleetlog.core.words import count, percent
 from fleetlog.errors import EXIT_DAMAGED, ArgumentError, FleetlogError, InputError, chosen
@@ -48,14 +49,16 @@ def answer(asked: Asked) -> Answer:
     asked.varies = bool(asked.vary) or asked.runs != 1 or isinstance(asked.vehicles, str)
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
-    asked.site = _site(asked)
+    given, asked.site = asked.site, _site(asked)
+    sources = [*read, asked.like.path] if like and is_url(like) else read
+    asked.origin = {"inputs": sources, "seed": asked.seed, "site": asked.site if given is not None else None}
     asked.physics = _physics(asked)
     if asked.varies:
         return _experiment(asked, read)
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
     over = asked.overwrite
     with DatasetWriter.create(target, "simulated", asked.site, overwrite=over, inputs=read) as writer:
-        writer.provenance = provenance(read, asked.seed, like=like, truck=asdict(asked.truck.chassis))
+        writer.provenance = provenance(**asked.origin, like=like, truck=asdict(asked.truck.chassis))
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         writer.summary, lines = run(asked, writer)
         if asked.recording:
@@ -119,7 +122,7 @@ def _experiment(asked: Asked, read: list[Path]) -> Answer:
             wrong = InputError if isinstance(where, Path) else ArgumentError
             raise wrong(error.what, where=where, do=error.do) from None
         result = experiment(bases, factors)
-        result.summary["provenance"] = provenance(read, asked.seed)
+        result.summary["provenance"] = provenance(**asked.origin)
         page = experiment_page(result, asked.site)
         write = partial(write_folder, result, asked.site, page=page, recording=asked.recording)
         return keep(Answer.of(result, asked.site, page=page, write=write))

@@ -31,7 +31,7 @@ def calibrate(
     known = None if physics is None else inputs.as_physics(physics, nominal)
     read = (measurements, truck, physics)
     with destination(output, "calibrated truck", overwrite, read, folder=False) as keep:
-        paths = [str(inputs.as_csv(m)) for m in cast("Sequence[DatasetLike]", measurements)]
+        paths = [inputs.as_csv(m) for m in cast("Sequence[DatasetLike]", measurements)]
         fit = fitted(paths, nominal, known)
         answer = Answer("calibrate", summary(fit), lines=lines(fit), value=fit)
         answer.write = lambda file: file.write_text(truck_toml(fit), encoding="utf-8")

@@ -12,12 +12,12 @@ import numpy as np
 from fleetlog.api.answer import Answer
 from fleetlog.api.inputs import DatasetLike, existing
 from fleetlog.api.verb import verb
+from fleetlog.core.files import is_url
 from fleetlog.core.schema import load_toml
 from fleetlog.core.truck import load_truck, truck_to_dict
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, FormatError, InputError
 from fleetlog.roads import load_site
 from fleetlog.store import Dataset
-from fleetlog.store.dataset import is_url
 from fleetlog.store.events import read_table
 from fleetlog.store.output import MARK
 

@@ -6,7 +6,6 @@ from fleetlog.api.answer import Answer
 from fleetlog.api.inputs import PathLike, as_path
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between, Named
-from fleetlog.listening import notice
 
 
 @verb()
@@ -29,10 +28,11 @@ def record(
     from fleetlog.store.output import atomic_output
 
     file = as_path(output)
-    with atomic_output(file, "capture", overwrite=overwrite, folder=False) as scratch:
-        notice(f"capturing {url.rpartition('@')[2]}; Ctrl-C ends it and keeps what came")
-        with scratch.open("w", encoding="utf-8") as out:
-            found = capture(url, out, duration=duration, messages=messages, client_id=client_id)
+    with (
+        atomic_output(file, "capture", overwrite=overwrite, folder=False) as scratch,
+        scratch.open("w", encoding="utf-8") as out,
+    ):
+        found = capture(url, out, duration=duration, messages=messages, client_id=client_id)
     again = f", {found.reconnects} reconnects" if found.reconnects else ""
     summary = {"messages": found.messages, "reconnects": found.reconnects}
     lines = [f"{found.messages:,} messages captured{again}"]

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from fleetlog import scratch
+from fleetlog.core.files import is_url
 from fleetlog.errors import FleetlogError, InputError
-from fleetlog.store.dataset import is_url
 from fleetlog.view.stream import TIMELINE
 
 AGAIN = "make it again from its dataset"

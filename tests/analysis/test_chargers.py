@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fleetlog.analysis.chargers import chargers
-from fleetlog.errors import DataError
+from fleetlog.errors import ArgumentError, DataError
 
 
 def test_sites_beat_random_and_state_their_gap(fleet):
@@ -34,13 +34,22 @@ def test_every_method_gives_at_most_k(fleet, method, variant):
 
 
 def test_forced_and_forbidden(fleet):
-    free = chargers(fleet, k=2).summary["sites"]
-    s = chargers(fleet, k=2, force=("charger-1",), forbid=(free[0],)).summary["sites"]
-    assert "n00" in s and (free[0] not in s or free[0] == "n00")
+    free = next(s for s in chargers(fleet, k=2).summary["sites"] if s != "n00")
+    s = chargers(fleet, k=2, force=("charger-1",), forbid=(free,)).summary["sites"]
+    assert "n00" in s and free not in s
     with pytest.raises(DataError, match="did you mean"):
         chargers(fleet, force=("n0",))
-    with pytest.raises(DataError, match="forced"):
+    with pytest.raises(DataError, match="1 site cannot hold the 2 that are forced or kept"):
         chargers(fleet, k=1, force=("n00", "n11"))
+
+
+@pytest.mark.parametrize(
+    "force", [{"force": ("n11", "n00")}, {"force": ("charger-1",)}, {"keep_existing": True}]
+)
+def test_a_site_that_must_be_and_must_not_is_wrong_usage(fleet, force):
+    """By whatever name: the charger stands at the vertex."""
+    with pytest.raises(ArgumentError, match="vertex 'n00' must be a site and must not"):
+        chargers(fleet, k=2, forbid=("n00",), **force)
 
 
 def test_falling_back_is_said_aloud(fleet, tmp_path):

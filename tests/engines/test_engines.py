@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 
 from fleetlog import engines
+from fleetlog.api.verb import JOBS as ADDED
+from fleetlog.api.verb import Verb
 from fleetlog.engines.processes import Processes
-from fleetlog.errors import DataError, InputError
+from fleetlog.errors import ArgumentError, DataError, InputError
 
 JOBS = list(range(23))
 
@@ -146,3 +148,15 @@ def test_an_address_where_nobody_is(monkeypatch):
     monkeypatch.setattr(engines, "TIMEOUT", 1)
     with pytest.raises(InputError, match="no Dask scheduler"), engines.using(scheduler="tcp://127.0.0.1:9"):
         pass
+
+
+@pytest.mark.parametrize("text", ["foo", "foo://a:1", "tcp://a", "tcp://a:b", "tcp://:1", "", "http://a:1"])
+def test_what_is_no_address_is_wrong_usage(text):
+    """A client that is refused half made would say so in a traceback of its own."""
+    with pytest.raises(ArgumentError, match="tcp://HOST:PORT"):
+        Verb(lambda: None, added=ADDED)(scheduler=text)
+
+
+@pytest.mark.parametrize("text", ["tcp://10.0.0.1:8786", "node-3:8786", "tls://a.b:1", "tcp://[::1]:8786"])
+def test_an_address(text):
+    assert engines.address(text) == text

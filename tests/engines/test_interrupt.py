@@ -5,9 +5,13 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
+
+PROJECT = Path(__file__).parents[2] / "pyproject.toml"
+ENTRY = tomllib.loads(PROJECT.read_text())["project"]["scripts"]["fleetlog"].split(":")
 
 
 def descendants(pid):
@@ -50,3 +54,21 @@ def test_torn_down(number, status, logs, project_root, tmp_path):
     assert not (tmp_path / "out").exists()
     if number != signal.SIGKILL:
         assert list(tmp_path.iterdir()) == [] and "interrupted; nothing was written" in error
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("module", ["click", "fleetlog.api.verb", "fleetlog.registry"])
+def test_an_interrupt_while_the_command_line_loads(module, tmp_path):
+    """It comes as the module does, and is one line."""
+    code = f"""
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from {ENTRY[0]} import {ENTRY[1]} as entry
+entry()
+"""
+    done = subprocess.run([sys.executable, "-c", code, "info", "x"], capture_output=True, text=True)
+    assert done.returncode == 130 and done.stderr == "fleetlog: interrupted; nothing was written\n"

@@ -1,11 +1,15 @@
 """A dataset in a bucket of a real S3 server: import, append, analyze, view."""
 
 import json
+import re
 
 import pytest
 from click.testing import CliRunner
 
+import fleetlog
+from fleetlog.cli.commands import verb_lines
 from fleetlog.cli.main import cli
+from fleetlog.exporters.base import FORMATS
 from fleetlog.store import Dataset
 
 from .test_append import days  # noqa: F401 - a fixture
@@ -87,3 +91,65 @@ def test_nothing_is_replaced(bucket, days, project_root):  # noqa: F811
 def test_no_such_dataset(bucket):
     done = CliRunner().invoke(cli, ["info", f"{bucket}/other"])
     assert done.exit_code == 1 and "s3://fleet/other" in str(done.exception)
+
+
+TRUCK = ("--truck", "TRUCK")
+QUESTIONS = {
+    **{f"analyze {name}": () for name in fleetlog.analyze.lines()},
+    "analyze energy": TRUCK, "analyze chargers": ("-k", "2"), "analyze heatmap": ("--compare", "DATA"),
+    **{f"export --to {name}": () for name in FORMATS.names()},
+    "calibrate": TRUCK, "diagnose": (*TRUCK, "--against", "DATA"), "info": None, "learn": (), "report": TRUCK,
+    "simulate --like": (*TRUCK, "--duration", "1m"), "view": None,
+}  # fmt: skip
+"""What is asked of a dataset, and options; None where nothing is written."""
+
+
+def test_every_verb_that_takes_a_dataset_is_tried():
+    takes = set()
+    for verb in {*verb_lines()} - {"import", "analyze"}:
+        named = {getattr(o.check, "metavar", "") for o in getattr(fleetlog, verb).options}
+        takes |= {verb} & ({verb} if named & {"DATASET", "MEASUREMENTS"} else set())
+    assert takes == {words.split()[0] for words in QUESTIONS} - {"analyze"}
+
+
+@pytest.fixture(scope="module")
+def both(bucket, project_root, tmp_path_factory):
+    """One simulated dataset, in the bucket and in a folder."""
+    sample, names = project_root / "sample_data", (f"{bucket}/sim", tmp_path_factory.mktemp("sim") / "sim")
+    for name in names:
+        run("simulate", "--site", sample / "site.toml", "--truck", sample / "truck.toml", "--vehicles", 2,
+            "--duration", "3m", "--seed", 1, "-o", name)  # fmt: skip
+    return names
+
+
+@pytest.mark.parametrize("words", QUESTIONS)
+def test_a_url_is_answered_as_a_folder_is(words, both, project_root, tmp_path):
+    told = []
+    for number, name in enumerate(both):
+        out, more = tmp_path / f"out-{number}", QUESTIONS[words]
+        truck = project_root / "sample_data" / "truck.toml"
+        options = [{"TRUCK": truck, "DATA": name}.get(word, word) for word in more or ()]
+        options += ["-o", out] if more is not None else []
+        if words == "view":
+            options = ["--screenshot", f"{out}.png"]
+        done = CliRunner().invoke(cli, [*words.split(), *map(str, (name, *options)), "--json"])
+        said = f"{done.stdout} {done.exception}".replace(str(out), "OUT").replace(str(name), "DATA")
+        assert "fault" not in said and not isinstance(done.exception, TypeError), said
+        told.append((done.exit_code, re.sub(r'"(bytes|free|modified)": \d+', "", said)))
+    assert told[0] == told[1]
+
+
+def test_answers_are_not_written_to_a_url(bucket, both):
+    for words in (["analyze", "stops"], ["export", "--to", "csv"], ["learn"]):
+        done = CliRunner().invoke(cli, [*words, str(both[1]), "-o", f"{bucket}/answer"])
+        assert done.exit_code == 1 and "only datasets are written to a URL" in str(done.exception)
+
+
+def test_a_file_url_is_a_folder_of_this_machine(days, tmp_path):  # noqa: F811
+    url = f"file://{tmp_path}/recorded"
+    run("import", days / "2026-03-02", "-o", url)
+    assert (tmp_path / "recorded" / "recording.rrd").is_file()
+    run("analyze", "trips", url, "-o", f"file://{tmp_path}/trips")
+    assert (tmp_path / "trips" / "trips.json").is_file()
+    done = CliRunner().invoke(cli, ["analyze", "trips", url, "-o", str(tmp_path / "recorded" / "trips")])
+    assert done.exit_code == 1 and "lies in the dataset" in str(done.exception)

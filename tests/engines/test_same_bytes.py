@@ -17,7 +17,7 @@ from fleetlog.analysis.stops import stops
 from fleetlog.analysis.trips import trips
 from fleetlog.engines import processes
 from fleetlog.ingest.pipeline import import_logs
-from fleetlog.store import DatasetWriter
+from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.results import write_result
 
 
@@ -118,6 +118,18 @@ def scheduler():
 def test_a_cluster_by_its_address(name, alone, fleet, truck, logs, site, tmp_path, scheduler):
     with engines.using(scheduler=scheduler):
         made = make(name, fleet, truck, logs, site, tmp_path / "out")
+    assert made == alone[name]
+
+
+@pytest.mark.parametrize("name", ["energy", "import"])
+def test_workers_in_another_folder(
+    name, alone, fleet, truck, logs, site, tmp_path, scheduler, monkeypatch
+):  # fmt: skip
+    """Names are relative to the folder of who asks, not to those of the workers."""
+    monkeypatch.chdir(tmp_path)
+    near = Dataset(os.path.relpath(fleet.path)), Path(os.path.relpath(logs))
+    with engines.using(scheduler=scheduler):
+        made = make(name, near[0], truck, near[1], site, Path("out"))
     assert made == alone[name]
 
 

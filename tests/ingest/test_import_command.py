@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import json
 import os
 import shutil
@@ -258,3 +259,82 @@ def test_a_log_without_positions_is_taken_and_says_what_cannot_be_asked(
     assert (
         heat.returncode == 1 and "import logs with positions" in heat.stderr and heat.stderr.count("\n") == 1
     )
+    trips = fleetlog("analyze", "trips", tmp_path / "out", "-o", tmp_path / "t")
+    assert trips.returncode == 0 and (tmp_path / "t" / "trips.png").is_file()
+
+
+def driven(rows: int, blank: dict[str, set[int]]) -> list[str]:
+    """A straight drive at 3 m/s, a row a second; some cells of each column are blank."""
+    table = {
+        "x": [3.0 * s for s in range(rows)], "y": [0.0] * rows, "speed": [3.0] * rows,
+        "battery_voltage": [48.0] * rows, "battery_current": [30.0] * rows, "battery_power": [1440.0] * rows,
+    }  # fmt: skip
+    out = [f"vehicle_id,timestamp,{','.join(table)}"]
+    for s in range(rows):
+        cells = ["" if s in blank.get(name, ()) else str(values[s]) for name, values in table.items()]
+        out.append(f" A,2026-03-02T05:{s // 60:02d}:{s % 60:02d}Z,{','.join(cells)}")
+    return out
+
+
+@pytest.mark.parametrize(
+    ("blank", "filled", "unknown"),
+    [
+        ({}, {}, 0),
+        ({"x": {*range(20, 40)}, "y": {*range(20, 40)}}, {"x": 20}, 0),
+        ({"x": {*range(20, 90)}, "y": {*range(20, 90)}}, {}, 70),
+        ({"speed": {*range(1, 100)}}, {"speed": 99}, 0),
+        ({"battery_power": {5, 6, 50}}, {"battery_power": 3}, 0),
+    ],
+    ids=["none", "short gap", "long gap", "speed", "power"],
+)
+def test_values_that_a_log_lacks_are_counted_where_they_are_made(
+    tmp_path: Path, blank: dict[str, set[int]], filled: dict[str, int], unknown: int
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(driven(100, blank)) + "\n")
+    done = fleetlog("import", path, "-o", tmp_path / "out", "--no-recording", "--json")
+    summary = json.loads(done.stdout)
+    assert summary["filled"] == filled and summary["derived"] == ["heading"]
+    told = [note for note in summary["notes"] if "unknown in the log, or rejected" in note]
+    assert [int(note.split()[0]) for note in told] == list(filled.values())
+    assert int(np.isnan(Dataset(tmp_path / "out").read("A").floats("x")).sum()) == unknown
+    assert "blanks about vehicle ids are left out, as of ' A'" in summary["files"][0]["notes"]
+
+
+def test_positions_in_two_frames_are_said(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    lines = [f"A,2026-03-02T05:00:{s:02d}Z,{49.98 + 1e-5 * s},9.15,{1.1 * s},0" for s in range(60)]
+    path.write_text("\n".join(["vehicle_id,timestamp,latitude,longitude,x,y", *lines]) + "\n")
+    done = fleetlog("import", path, "-o", tmp_path / "out", "--no-recording")
+    assert "60 rows have latitude and longitude" in done.stdout and "x_log, y_log" in done.stdout
+    assert Dataset(tmp_path / "out").read("A").floats("x_log").tolist() == pytest.approx(1.1 * np.arange(60))
+
+
+def test_what_was_read_is_named(log: Path, tmp_path: Path) -> None:
+    """An import reads the site and its map beside the log, a mission driven again the dataset."""
+    fleetlog("import", log, "--site", SAMPLE / "site.toml", "-o", tmp_path / "out", "--no-recording")
+    again = tmp_path / "again"
+    fleetlog("simulate", "--like", tmp_path / "out", "--truck", SAMPLE / "truck.toml", "--same-mission",
+             "--no-recording", "-o", again)  # fmt: skip
+    named = [
+        {f["file"]: f["sha256"] for f in Dataset(d).meta["provenance"]["inputs"]}
+        for d in (tmp_path / "out", again)
+    ]
+    assert set(named[0]) == {"log.csv", "site.toml", "roads.geojson"}
+    assert named[0]["roads.geojson"] == hashlib.sha256((SAMPLE / "roads.geojson").read_bytes()).hexdigest()
+    assert set(named[1]) == {"truck.toml", "out/dataset.json"}
+
+
+def test_a_whole_file_without_positions_is_not_damaged(log: Path, shared_data: Path, tmp_path: Path) -> None:
+    talk = shared_data / "logs" / "mcap" / "talker.mcap"
+    done = fleetlog("import", log, talk, "-o", tmp_path / "out", "--no-recording", "--json")
+    files = {f["file"]: f for f in json.loads(done.stdout)["files"]}
+    assert done.returncode == 0 and not files["talker.mcap"]["damage"]
+    assert "carries a position" in files["talker.mcap"]["notes"][0]
+
+
+def test_rows_that_are_there_are_not_added_again(log: Path, tmp_path: Path) -> None:
+    fleetlog("import", log, "-o", tmp_path / "out", "--no-recording")
+    done = fleetlog("import", log, "-o", tmp_path / "out", "--append")
+    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert str(tmp_path / "out") in done.stderr and "leave out the logs of that time" in done.stderr

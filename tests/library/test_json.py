@@ -48,3 +48,57 @@ def test_every_command_has_a_schema_on_the_page() -> None:
     for path, _ in COMMANDS:
         assert f"\n## fleetlog {' '.join(path)}\n" in page, path
         assert (SCHEMAS / f"{'_'.join(path)}.json").is_file()
+
+
+def schema(name: str) -> dict[str, object]:
+    found: dict[str, object] = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
+    return found
+
+
+EVERYWHERE = {
+    "term": "rolling_resistance", "channel": "battery_power", "statement": "It rolls harder.", "not_excluded": [],
+    "needs": None, "depends_on": ["speed"], "where": None, "when": None,
+    "parameters": [{"name": "coefficient", "value": 0.02, "low": 0.019, "high": 0.021, "unit": "1"}],
+    "scope": {"vehicles": None, "from": None, "until": None},
+    "evidence": {"p_value": 1e-9, "held_out_gain": 0.1, "alternatives": []},
+    "fit": {"metric": "m", "before": 0.2, "after": 0.1},
+}  # fmt: skip
+SOMEWHERE = {
+    **EVERYWHERE, "term": "grade", "not_excluded": ["surface_resistance"], "needs": "drive it the other way",
+    "where": {"edges": [{"edge_id": "e", "from": 0.0, "to": 2.0, "value": 0.04, "low": 0.03, "high": 0.05}],
+              "extent": [0.0, 0.0, 9.0, 9.0]},
+    "when": {"column": "ambient_temperature", "below": 5.0, "unit": "degC"},
+    "scope": {"vehicles": ["T3"], "from": "2026-03-02T06:00:00Z", "until": None},
+    "evidence": {"p_value": 0.001, "held_out_gain": None,
+                 "alternatives": [{"term": "surface_resistance", "held_out_gain": 0.03, "depends_on": ["x"]}]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("finding", [EVERYWHERE, SOMEWHERE], ids=["everywhere", "somewhere"])
+def test_findings_of_every_kind_meet_the_schema(finding: dict[str, object]) -> None:
+    """What the contract says may be null, and what it may be else."""
+    findings = schema("diagnose")["properties"]["findings"]  # type: ignore[index]
+    jsonschema.validate([finding], findings)
+
+
+@pytest.mark.parametrize("vehicles", [1, 5])
+def test_near_misses_of_any_kinds_meet_the_schema(vehicles: int, sample: Path) -> None:
+    """One truck meets nobody; five meet in some ways and not in others."""
+    fleet = fleetlog.simulate(
+        site=sample / "site.toml", truck=sample / "truck.toml", vehicles=vehicles, duration="5m",
+        recording=False, shadow=False,
+    )  # fmt: skip
+    found = json.loads(json_text(fleetlog.analyze.near_misses(fleet).summary))
+    jsonschema.validate(found, schema("analyze_near_misses") | {"required": ["kinds", "near_misses"]})
+
+
+@pytest.mark.parametrize("truck", [None, "truck.toml"])
+def test_reports_with_and_without_a_truck_meet_the_schema(
+    truck: str | None, recorded: fleetlog.Result, sample: Path
+) -> None:
+    told = fleetlog.report(recorded, truck=truck and sample / truck, diagnosis=False).summary
+    answer = json.loads(json_text(told))
+    required = [k for k in schema("report")["required"] if k != "output"]  # type: ignore[attr-defined]
+    jsonschema.validate(answer, schema("report") | {"required": required})
+    answer["datasets"][0]["left_out"] = ["The truck model leaves nothing out."]
+    jsonschema.validate(answer, schema("report") | {"required": required})

@@ -33,6 +33,8 @@ def test_a_fleet_on_the_sample_plant(sample, tmp_path):
     assert summary["rows"] == data.rows == 3 * 300
     assert data.kind == "simulated"
     assert data.meta["provenance"]["seed"] == 1
+    read = {f["file"]: len(f["sha256"]) for f in data.meta["provenance"]["inputs"]}
+    assert read == {"site.toml": 64, "truck.toml": 64, "roads.geojson": 64}
     assert data.meta["provenance"]["truck"]["length"] == 3.2
     told = describe(out)
     assert told["tasks"]["all"] == summary["tasks_given"]

@@ -37,6 +37,7 @@ def test_the_same_mission_is_comparable_trip_by_trip(recording, tmp_path):
         t = again.read(vehicle)
         assert (np.diff(t.time) > 0).all()
         assert (t.floats("speed") <= 3.0 + 1e-6).all()
+        assert (np.abs(t.floats("heading")) <= 3.14160).all()
 
 
 def test_a_mission_driven_again_invents_no_load_and_no_traffic(recording, tmp_path):

@@ -39,6 +39,7 @@ EMPTY: list[Shape] = [
     Grid("g", np.full((3, 4), np.nan), 0, 0, 1, "s"),
     EdgeValues("e", np.zeros(0, np.int32), np.zeros(0), np.zeros(0), np.zeros(0), "J"),
     Marks("m", np.zeros((0, 2)), (), np.zeros(0)),
+    Marks("n", np.full((2, 2), np.nan), ("A", "B"), np.ones(2)),
     MovingLines("l", np.zeros(0, np.int64), (), ()),
     Series("s", np.zeros(0), {}, "x", "y"),
     Series("t", np.zeros(0, np.int64), {"a": np.zeros(0)}, "x", "y", over_time=True),
@@ -48,6 +49,13 @@ EMPTY: list[Shape] = [
 
 def pixels(path: Path) -> np.ndarray:
     return np.asarray(Image.open(path).convert("RGB")).astype(int)
+
+
+def test_what_has_no_place_is_no_mark() -> None:
+    xy = np.array([[1.0, 2.0], [np.nan, 3.0], [4.0, 5.0]])
+    marks = Marks("m", xy, ("A", "B", "C"), np.array([1.0, 2.0, 3.0]))
+    assert marks.labels == ("A", "C") and marks.xy.tolist() == [[1.0, 2.0], [4.0, 5.0]]
+    assert marks.size.tolist() == [1.0, 3.0]
 
 
 @pytest.mark.parametrize("site", [plant(), Site("bare")])

@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.optimize import Bounds, LinearConstraint, milp
 
 from fleetlog.core.arrays import Floats, Ints, Mask
-from fleetlog.core.words import percent
+from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 
 STARTS, MOST_ROUNDS, ROUNDS = 10, 10_000, 3000
@@ -50,7 +50,8 @@ def p_median(
     candidates = np.flatnonzero(~np.isin(every, forbidden) | np.isin(every, forced))
     k, must = min(k, len(candidates)), np.isin(candidates, forced)
     if k < max(1, len(forced)):
-        raise DataError(f"{k} sites cannot hold {len(forced)} forced ones", do="raise -k or force fewer")
+        what = f"{count(k, 'site')} cannot hold the {len(forced)} that are forced or kept"
+        raise DataError(what, do="raise -k, force fewer, or leave --keep-existing out")
     total = max(float(weight.sum()), 1e-300)
     cost = (weight[:, None] * finite(distance))[weight > 0][:, candidates] / total
     if capacity is not None and capacity < 1.0:
