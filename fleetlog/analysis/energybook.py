@@ -136,12 +136,10 @@ def keep_book(
 def _by_stretch(motion: Motion, joules: Floats, metres: Floats) -> Columns:
     """Joules and metres on every stretch of directed edge that was driven."""
     on = np.flatnonzero((motion.edge >= 0) & (motion.speed > 0.0))
-    number = (np.maximum(motion.edge_offset[on], 0.0) / STRETCH).astype(np.int64)
-    most = int(number.max(initial=0)) + 1
-    key, inverse = np.unique(motion.edge[on] * most + number, return_inverse=True)
-    edge, number = (part.astype(np.int32) for part in np.divmod(key, most))
-    sums = (np.bincount(inverse, of[on], len(key)) for of in (joules, metres))
-    return dict(zip(("edge", "number", "joules", "metres"), (edge, number, *sums), strict=True))
+    number = (np.maximum(motion.edge_offset[on], 0.0) / STRETCH).astype(np.int32)
+    columns = {"edge": motion.edge[on], "number": number, "joules": joules[on], "metres": metres[on]}
+    rows = pd.DataFrame(columns)
+    return {str(n): v.to_numpy() for n, v in rows.groupby(["edge", "number"], as_index=False).sum().items()}
 
 
 def _reduced(rows: dict[str, Floats], starts: Indices) -> Columns:
@@ -260,9 +258,8 @@ def zone_table(zones: pd.DataFrame, terms: Sequence[str], site: Site) -> pd.Data
     """Energy by zone of the site, with the ledger."""
     if not site.zones:
         return pd.DataFrame()
-    names = [f"J_{t}" for t in terms]
-    total = {n: np.bincount(zones["zone"], zones[n], len(site.zones)) for n in (*names, "metres", "seconds")}
-    energy, km = np.stack([total[n] for n in names], axis=1).sum(axis=1) / KWH, total["metres"] / 1000.0
-    table = {"zone": [z.id for z in site.zones], "duration_h": total["seconds"] / 3600.0, "distance_km": km}
-    table |= {"energy_kwh": energy, "kwh_per_km": energy / np.where(km > 0.01, km, np.nan)}
-    return pd.DataFrame(table | {f"{t}_kwh": total[f"J_{t}"] / KWH for t in terms})
+    total = zones.groupby("zone").sum()
+    ledger = (total[[f"J_{t}" for t in terms]] / KWH).set_axis([f"{t}_kwh" for t in terms], axis=1)
+    energy, km, hours = ledger.sum(axis=1), total["metres"] / 1000.0, total["seconds"] / 3600.0
+    table = {"zone": [z.id for z in site.zones], "duration_h": hours, "distance_km": km}
+    return pd.DataFrame({**table, "energy_kwh": energy, "kwh_per_km": energy / km.where(km > 0.01), **ledger})

@@ -20,6 +20,7 @@ from fleetlog.analysis.speeding import speeding
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.tariff import Tariff, costs
 from fleetlog.analysis.trips import trips
+from fleetlog.core.arrays import Ints
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -37,7 +38,6 @@ SHORTEST_TRIP = 5.0  # A shorter trip is shunting [m]
 MOST_CELLS = 400  # Of the heat map, along its longer side
 Ledger = pd.DataFrame
 KEYS = ["vehicle_id", "start"]  # Of the ledger
-NO_TIMES = pd.Series([], dtype="datetime64[us, UTC]")
 UNITS = {
     "km": 1000.0, "energy_km": 1000.0, "energy_h": 3600.0, "logged_h": 3600.0, "energy_tasks": 1.0,
     "used_kwh": 1.0, "charged_kwh": 1.0,
@@ -156,14 +156,14 @@ def consumption(dataset: Dataset, tasks: pd.DataFrame | None = None, truck: Truc
     some).  A charge without power is the rise of the state of charge, where ``truck`` gives the capacity.
     ``energy_km``, ``energy_h`` and ``energy_tasks`` are those with a known power, of ``logged_h`` hours."""
     by_truck = () if tasks is None else tasks.groupby("vehicle_id")["start"]
-    done = {v: own.dt.as_unit("us") for v, own in by_truck}
+    done = {v: own.dt.as_unit("us").astype("int64").to_numpy() for v, own in by_truck}
     capacity = 0.0 if truck is None else truck.battery.capacity_wh / 1000.0
     of_days = spent.joined_days(dataset, (*spent.COLUMNS, "battery_voltage", "battery_current"))
-    days = [_quarters(t, done.get(t.vehicle_id, NO_TIMES).astype("int64"), capacity) for t in of_days]
+    days = [_quarters(t, done.get(t.vehicle_id, t.time[:0]), capacity) for t in of_days]
     return pd.concat(days).groupby(level=KEYS).sum().div(pd.Series(UNITS))
 
 
-def _quarters(t: Trajectory, done: pd.Series, capacity: float) -> Ledger:
+def _quarters(t: Trajectory, done: Ints, capacity: float) -> Ledger:
     """One day of a truck, in the ``UNITS``; (n,) times [us] of its tasks, capacity [kWh] of its battery."""
     silent, soc = spent.silences(t), spent.soc_level(t)
     dt = np.where(silent, 0.0, np.diff(t.time, append=t.time[-1:]) * 1e-6)
@@ -175,8 +175,8 @@ def _quarters(t: Trajectory, done: pd.Series, capacity: float) -> Ledger:
     metres = np.nan_to_num(t.floats("speed")) * dt
     at = np.searchsorted(t.time, done, side="right") - 1
     tasks = np.bincount(at[at >= 0], minlength=len(t)) * (known & (dt > 0.0))
-    energy = np.where(charging, 0.0, kwh), np.where(charging, given, 0.0)
-    sums = metres, known * metres, known * dt, dt, tasks, *energy
+    used, charged = np.where(charging, 0.0, kwh), np.where(charging, given, 0.0)
+    sums = metres, known * metres, known * dt, dt, tasks, used, charged
     rows = pd.DataFrame(dict(zip(UNITS, sums, strict=True)))
     rows["vehicle_id"], rows["start"] = t.vehicle_id, spent.stamps(t.time // spent.QUARTER * spent.QUARTER)
     return rows.groupby(KEYS).sum()
