@@ -31,10 +31,6 @@ COLUMNS = (
     "x", "y", "z", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
     "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature", "charging",
 )  # fmt: skip
-SAID = {
-    "power": "the power channel", "voltage and current": "voltage times current",
-    "soc": "the change of the state of charge",
-}  # fmt: skip
 
 
 def energy(
@@ -70,7 +66,7 @@ def energy(
     whole = tables.pop("all").iloc[0]
     edges = tables["edges"] = of.stretch_table(stretches, dataset.site.network)
     tables["zones"] = of.zone_table(zones, terms, dataset.site)
-    best = segments.assign(best=segments["source"].map(SOURCES.index)).groupby(keys["trips"])["best"].min()
+    best = segments.assign(best=segments["source"].map([*SOURCES].index)).groupby(keys["trips"])["best"].min()
     sources = {name: n for k, name in enumerate(SOURCES) if (n := int((best == k).sum()))}
     start, end, ledger = whole["start"].isoformat(), whole["end"].isoformat(), [f"{t}_kwh" for t in terms]
     summary = {
@@ -83,7 +79,8 @@ def energy(
     places = {name: kept.pop(name) for name in ("energy_edges",) if name in kept}
     shapes, lines = _shapes(bins, summary["ledger_kwh"], edges), _lines(summary)
     # The state of charge is no power: what it gains while driving is its noise.
-    by_power = segments[segments["source"] != "soc"].groupby("vehicle_id")["measured"].sum()
+    driven = segments[(segments["source"] != "soc") & (segments["metres"] > 1.0)]
+    by_power = driven.groupby("vehicle_id")["measured"].sum()
     if turned := by_power.index[by_power < 0.0].tolist():
         lines.append(f"{(note := wrong_sign(turned))[0].upper()}{note[1:]}.")
     return Result("energy", summary, kept, places, shapes, lines)
@@ -134,7 +131,7 @@ def _lines(s: dict[str, Any]) -> list[str]:
         )
     sources = dict(s["measured_from"])
     none = sources.pop("nothing", 0)
-    known = ", ".join(f"{SAID[source]} ({count(n, 'trip')})" for source, n in sources.items())
+    known = ", ".join(f"{SOURCES[source]} ({count(n, 'trip')})" for source, n in sources.items())
     if not known:
         return [*out, "The log has no electrical channel: nothing was measured, the figures are the model's."]
     rest = f"; {count(none, 'trip')} had none" if none else ""

@@ -36,8 +36,11 @@ ENDS = {
     "soc_after": "last",
 }  # fmt: skip
 """Of several segments: which value is theirs."""
-SOURCES = ("power", "voltage and current", "soc", "nothing")
-"""Of measured energy, the best first."""
+SOURCES = {
+    "power": "the power channel", "voltage and current": "voltage times current",
+    "soc": "the change of the state of charge", "nothing": "",
+}  # fmt: skip
+"""Of measured energy, the best first, in words."""
 
 
 @dataclass(frozen=True)
@@ -79,11 +82,10 @@ def keep_book(
     has = np.isfinite([trajectory.floats("battery_power"), power, soc, nothing])
     best = np.logical_or.reduceat(has, begins, axis=1).argmax(axis=0)
     source = np.repeat(best, np.diff(np.append(begins, len(trip))))
-    full = truck.battery.capacity_wh * 3600.0
+    full, silent = truck.battery.capacity_wh * 3600.0, np.append(gaps(trajectory.seconds(), MAX_GAP), False)
     gauge = -np.diff(soc, append=soc[-1:]) * full
     # What changes over a silence of the log is no trip's: the model counts nothing there either.
-    silent = np.append(gaps(trajectory.seconds(), MAX_GAP), False)
-    by_soc, plugged = source == SOURCES.index("soc"), charging(trajectory)
+    by_soc, plugged = source == 2, charging(trajectory)
     taken = np.where(by_soc, np.where(silent, 0.0, gauge), power * dt)
     by_gauge = np.isnan(taken) | silences(trajectory) & np.isfinite(gauge)
     given = np.where(plugged, -np.nan_to_num(np.where(by_gauge, gauge, taken)), 0.0)
@@ -114,7 +116,7 @@ def keep_book(
     segments = {
         "vehicle_id": trajectory.vehicle_id, "trip_id": trip[starts], "hour": time[starts] // HOUR * HOUR,
         **_reduced(joules | sums, starts), "motion_variance": doubt,
-        "source": np.array(SOURCES)[source[starts]], "peak": np.maximum.reduceat(total, starts),
+        "source": np.array([*SOURCES])[source[starts]], "peak": np.maximum.reduceat(total, starts),
         "soc_start": soc[starts], "soc_end": soc[ends],
         "start": time[starts], "end": time[ends],
         **_cells(starts, total, dt, soc, trajectory.floats("ambient_temperature"), battery),

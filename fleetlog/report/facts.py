@@ -38,10 +38,8 @@ SHORTEST_TRIP = 5.0  # A shorter trip is shunting [m]
 MOST_CELLS = 400  # Of the heat map, along its longer side
 Ledger = pd.DataFrame
 KEYS = ["vehicle_id", "start"]  # Of the ledger
-UNITS = {
-    "km": 1000.0, "energy_km": 1000.0, "energy_h": 3600.0, "logged_h": 3600.0, "energy_tasks": 1.0,
-    "used_kwh": 1.0, "charged_kwh": 1.0,
-}  # fmt: skip
+UNITS = dict.fromkeys(("km", "energy_km"), 1e3) | dict.fromkeys(("energy_h", "logged_h"), 3600.0)
+UNITS |= dict.fromkeys(("energy_tasks", "used_kwh", "charged_kwh"), 1.0)
 """Of consumption, in metres, seconds, tasks and kWh."""
 
 
@@ -175,8 +173,8 @@ def _quarters(t: Trajectory, done: Ints, capacity: float) -> Ledger:
     metres = np.nan_to_num(t.floats("speed")) * dt
     at = np.searchsorted(t.time, done, side="right") - 1
     tasks = np.bincount(at[at >= 0], minlength=len(t)) * (known & (dt > 0.0))
-    used, charged = np.where(charging, 0.0, kwh), np.where(charging, given, 0.0)
-    sums = metres, known * metres, known * dt, dt, tasks, used, charged
+    energy = np.where(charging, 0.0, kwh), np.where(charging, given, 0.0)
+    sums = metres, known * metres, known * dt, dt, tasks, *energy
     rows = pd.DataFrame(dict(zip(UNITS, sums, strict=True)))
     rows["vehicle_id"], rows["start"] = t.vehicle_id, spent.stamps(t.time // spent.QUARTER * spent.QUARTER)
     return rows.groupby(KEYS).sum()

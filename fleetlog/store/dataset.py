@@ -168,10 +168,11 @@ class Dataset:
             return
         rest: list[Trajectory] = []
         for batch in _pieces(self.parts(vehicle, date), vehicle, columns, rows):
-            piece = concatenate([*rest, batch])
-            if cut := int(np.max(np.flatnonzero(np.diff(piece.trip_ids())) + 1, initial=0)):
-                yield piece[:cut]
-            rest = [piece[cut:]]
+            for piece in rest:  # A day is cut only where more of it follows.
+                if cut := int(np.max(np.flatnonzero(np.diff(piece.trip_ids())) + 1, initial=0)):
+                    yield piece[:cut]
+                rest = [piece[cut:]]
+            rest = [concatenate([*rest, batch])]
         yield from rest
 
     def days(self, columns: Sequence[str] | None = None, only: Sequence[str] = ()) -> Iterator[Trajectory]:
