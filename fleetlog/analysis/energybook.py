@@ -81,11 +81,11 @@ def keep_book(
     begins = np.flatnonzero(np.diff(trip, prepend=trip[:1] - 1))
     has = np.isfinite([trajectory.floats("battery_power"), power, soc, nothing])
     best = np.logical_or.reduceat(has, begins, axis=1).argmax(axis=0)
-    source = np.repeat(best, np.diff(np.append(begins, len(trip))))
+    source = np.repeat(np.array([*SOURCES])[best], np.diff(np.append(begins, len(trip))))
     full, silent = truck.battery.capacity_wh * 3600.0, np.append(gaps(trajectory.seconds(), MAX_GAP), False)
     gauge = -np.diff(soc, append=soc[-1:]) * full
     # What changes over a silence of the log is no trip's: the model counts nothing there either.
-    by_soc, plugged = source == 2, charging(trajectory)
+    by_soc, plugged = source == "soc", charging(trajectory)
     taken = np.where(by_soc, np.where(silent, 0.0, gauge), power * dt)
     by_gauge = np.isnan(taken) | silences(trajectory) & np.isfinite(gauge)
     given = np.where(plugged, -np.nan_to_num(np.where(by_gauge, gauge, taken)), 0.0)
@@ -116,7 +116,7 @@ def keep_book(
     segments = {
         "vehicle_id": trajectory.vehicle_id, "trip_id": trip[starts], "hour": time[starts] // HOUR * HOUR,
         **_reduced(joules | sums, starts), "motion_variance": doubt,
-        "source": np.array([*SOURCES])[source[starts]], "peak": np.maximum.reduceat(total, starts),
+        "source": source[starts], "peak": np.maximum.reduceat(total, starts),
         "soc_start": soc[starts], "soc_end": soc[ends],
         "start": time[starts], "end": time[ends],
         **_cells(starts, total, dt, soc, trajectory.floats("ambient_temperature"), battery),
