@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis import energybook as of
-from fleetlog.analysis.energybook import BIN, Book, gathered, keep_book
+from fleetlog.analysis.energybook import BIN, SOURCES, Book, gathered, keep_book
 from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.arrays import Floats
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import count, percent
+from fleetlog.core.words import count, percent, wrong_sign
 from fleetlog.errors import DataError
 from fleetlog.physics.battery import BatteryModel, battery_of
 from fleetlog.physics.motion import measured_channels, reconstruct
@@ -31,10 +31,6 @@ COLUMNS = (
     "x", "y", "z", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
     "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature", "charging",
 )  # fmt: skip
-SAID = {
-    "power": "the power channel", "voltage and current": "voltage times current",
-    "soc": "the change of the state of charge",
-}  # fmt: skip
 
 
 def energy(
@@ -52,9 +48,9 @@ def energy(
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
     asked = physics, battery_of(physics.actual_truck, chemistry), _sources(physics)
-    days = each_day(dataset, _vehicle_day, *asked, kinds=(Book,), cost=ROW_COST)
+    days = each_day(dataset, _vehicle_day, *asked, kinds=(Book,), cost=ROW_COST, joined=True)
     if not (books := [book for day in days for book in day]):
-        raise DataError("no vehicle has two rows on one day")
+        raise DataError("no vehicle has two rows")
     segments, stretches, zones, bins = (gathered(books, f.name) for f in fields(Book))
     # The dearest term first.
     total = segments.filter(like="J_").sum().abs().sort_values(ascending=False, kind="stable")
@@ -70,8 +66,8 @@ def energy(
     whole = tables.pop("all").iloc[0]
     edges = tables["edges"] = of.stretch_table(stretches, dataset.site.network)
     tables["zones"] = of.zone_table(zones, terms, dataset.site)
-    trips = segments.drop_duplicates(keys["trips"])["source"].value_counts().sort_index()
-    sources = {str(s): int(n) for s, n in trips.items()}
+    best = segments.assign(best=segments["source"].map([*SOURCES].index)).groupby(keys["trips"])["best"].min()
+    sources = {name: n for k, name in enumerate(SOURCES) if (n := int((best == k).sum()))}
     start, end, ledger = whole["start"].isoformat(), whole["end"].isoformat(), [f"{t}_kwh" for t in terms]
     summary = {
         "start": start, "end": end, **whole.drop(["all", "start", "end", *ledger]),
@@ -81,16 +77,21 @@ def energy(
     }  # fmt: skip
     kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}
     places = {name: kept.pop(name) for name in ("energy_edges",) if name in kept}
-    shapes = _shapes(bins, summary["ledger_kwh"], edges)
-    return Result("energy", summary, kept, places, shapes, _lines(summary))
+    shapes, lines = _shapes(bins, summary["ledger_kwh"], edges), _lines(summary)
+    # The state of charge is no power: what it gains while driving is its noise.
+    driven = segments[(segments["source"] != "soc") & (segments["metres"] > 1.0)]
+    by_power = driven.groupby("vehicle_id")["measured"].sum()
+    if turned := by_power.index[by_power < 0.0].tolist():
+        lines.append(f"{(note := wrong_sign(turned))[0].upper()}{note[1:]}.")
+    return Result("energy", summary, kept, places, shapes, lines)
 
 
 def _vehicle_day(
     dataset: Dataset, vehicle: str, date: str, physics: Physics, battery: BatteryModel, _code: Sequence[str]
 ) -> list[Book]:
-    """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
+    """The books of one vehicle-day up to the next row, one a piece of whole trips: bounded memory."""
     books = []
-    for piece in dataset.pieces(vehicle, date, COLUMNS):
+    for piece in dataset.pieces(vehicle, date, COLUMNS, joined=True):
         if len(piece) > 1:
             found = reconstruct(measured_channels(piece, dataset.meta), dataset.site.network, physics.truck)
             own = physics.of(vehicle, piece.time[0] * 1e-6)
@@ -130,7 +131,7 @@ def _lines(s: dict[str, Any]) -> list[str]:
         )
     sources = dict(s["measured_from"])
     none = sources.pop("nothing", 0)
-    known = ", ".join(f"{SAID[source]} ({count(n, 'trip')})" for source, n in sources.items())
+    known = ", ".join(f"{SOURCES[source]} ({count(n, 'trip')})" for source, n in sources.items())
     if not known:
         return [*out, "The log has no electrical channel: nothing was measured, the figures are the model's."]
     rest = f"; {count(none, 'trip')} had none" if none else ""

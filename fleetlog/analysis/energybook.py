@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.utilisation import charging
+from fleetlog.analysis.utilisation import charging, silences, soc_level
 from fleetlog.calibrate.fit import UNKNOWNS
 from fleetlog.core.arrays import HOUR, Floats, Indices
 from fleetlog.core.motion import Motion
@@ -19,7 +19,9 @@ from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import measured_power
+from fleetlog.physics.motion.rows import gaps
 from fleetlog.physics.power import Physics, all_terms, battery_power, cell_power, ledger, term_forces
+from fleetlog.store.trips import MAX_GAP
 
 STRETCH = 10.0  # Length of the stretches of road that are told apart [m]
 BIN = 60_000_000  # Step of the power ledger over time [us]
@@ -27,13 +29,18 @@ Columns = dict[str, Any]
 KWH = 3.6e6
 SUMS = (
     "seconds", "metres", "kilogram_metres", "returned", "traction", "braking", "loss", "measured",
-    "beside_measured", "charged", "raising", "motion_variance", "collapsed", "empty",
+    "beside_measured", "charged", "raising", "motion_variance", "collapsed", "empty", "soc_used",
 )  # fmt: skip
 ENDS = {
     "peak": "max", "lowest": "min", "start": "min", "end": "max", "soc_start": "first", "soc_end": "last",
-    "soc_end_model": "last",
+    "soc_after": "last",
 }  # fmt: skip
 """Of several segments: which value is theirs."""
+SOURCES = {
+    "power": "the power channel", "voltage and current": "voltage times current",
+    "soc": "the change of the state of charge", "nothing": "",
+}  # fmt: skip
+"""Of measured energy, the best first, in words."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +50,10 @@ class Book:
     segments : a row a trip and hour, in order of time.  Of the sums ``returned`` flowed back into the
         battery; ``traction`` and ``braking`` are drive energy where the wheels push and are pushed;
         ``beside_measured`` is the model where there is a measurement; ``charged`` is what a charger gave
-        (no other sum has it); ``raising`` is lifting alone.  ``peak`` is the highest power [W], ``lowest``
-        the lowest voltage [V] of the model's battery, ``source`` what the measured energy was taken from.
+        (no other sum has it); ``raising`` is lifting alone; ``soc_used`` is what the model takes from the
+        state of charge, less what was charged; ``soc_after`` of that was charged after the last row.
+        ``peak`` is the highest power [W], ``lowest`` the lowest voltage [V] of the model's battery,
+        ``source`` what the measured energy of the trip was taken from.
     stretches : a row an edge and ``number`` of the stretch on it.
     zones : a row a zone of the site.
     bins : a row a ``BIN`` of time [us]; ``known`` are the seconds with a measurement."""
@@ -67,13 +76,19 @@ def keep_book(
     """The sums of some trips of one vehicle from the motion ``found`` in them."""
     fine, dt, power = found.motion, found.dt_row, measured_power(trajectory)
     truck, metres, nothing = physics.actual_truck, fine.speed * fine.dt, np.zeros(len(dt))
-    # What the measured energy is taken from: the first that the log has.
-    has = {"power": trajectory.has("battery_power"), "voltage and current": np.isfinite(power).any()}
-    source = next((s for s, so in (has | {"soc": trajectory.has("soc")}).items() if so), "nothing")
-    soc = trajectory.floats("soc")
-    level = pd.Series(soc).ffill().to_numpy(float)
-    gauge = -np.diff(level, append=level[-1:]) * truck.battery.capacity_wh * 3600.0
-    taken, plugged = gauge if source == "soc" else power * dt, charging(trajectory)
+    time, trip, soc = trajectory.time, trajectory.trip_ids(), soc_level(trajectory)
+    # What the measured energy of a trip is taken from: the first that the log has in it.
+    begins = np.flatnonzero(np.diff(trip, prepend=trip[:1] - 1))
+    has = np.isfinite([trajectory.floats("battery_power"), power, soc, nothing])
+    best = np.logical_or.reduceat(has, begins, axis=1).argmax(axis=0)
+    source = np.repeat(np.array([*SOURCES])[best], np.diff(np.append(begins, len(trip))))
+    full, silent = truck.battery.capacity_wh * 3600.0, np.append(gaps(trajectory.seconds(), MAX_GAP), False)
+    gauge = -np.diff(soc, append=soc[-1:]) * full
+    # What changes over a silence of the log is no trip's: the model counts nothing there either.
+    by_soc, plugged = source == "soc", charging(trajectory)
+    taken = np.where(by_soc, np.where(silent, 0.0, gauge), power * dt)
+    by_gauge = np.isnan(taken) | silences(trajectory) & np.isfinite(gauge)
+    given = np.where(plugged, -np.nan_to_num(np.where(by_gauge, gauge, taken)), 0.0)
     known = np.isfinite(taken) & ~plugged
     forces = term_forces(fine, physics)
     # The charger feeds a truck that is plugged in.
@@ -84,31 +99,33 @@ def keep_book(
     whole = sum(joules.values(), nothing)
     total = np.divide(whole, dt, out=nothing.copy(), where=dt > 0.0)
     loss = (cell_power(total, truck) - total) * dt
-    time, trip = trajectory.time, trajectory.trip_ids()
     new = np.append(True, (np.diff(trip) != 0) | (np.diff(time // HOUR) != 0))
     starts = np.flatnonzero(new)
     ends = np.append(starts[1:], len(time)) - 1
-    beside = whole + loss if source == "soc" else whole
+    beside = np.where(by_soc, whole + loss, whole)
     compared = {"measured": np.where(known, taken, 0.0), "beside_measured": np.where(known, beside, 0.0)}
     sums = {
         "seconds": dt, "metres": found.rows(metres), "kilogram_metres": found.rows(fine.payload * metres),
         "returned": -np.minimum(whole, 0.0),
         "traction": found.rows(np.maximum(work, 0.0)) / truck.drive.efficiency,
         "braking": found.rows(np.minimum(work, 0.0)) * truck.drive.regeneration,
-        "loss": loss, "charged": np.where(plugged, -np.nan_to_num(taken), 0.0),
+        "loss": loss, "charged": given,
         "raising": np.maximum(joules.get("J_lift_efficiency", nothing), 0.0), **compared,
     }  # fmt: skip
     doubt = found.window_variance(lambda m: battery_power(m, physics), (np.cumsum(new) - 1)[found.row])
     segments = {
         "vehicle_id": trajectory.vehicle_id, "trip_id": trip[starts], "hour": time[starts] // HOUR * HOUR,
-        **_reduced(joules | sums, starts), "motion_variance": doubt, "source": source,
-        "peak": np.maximum.reduceat(total, starts), "soc_start": soc[starts], "soc_end": soc[ends],
+        **_reduced(joules | sums, starts), "motion_variance": doubt,
+        "source": source[starts], "peak": np.maximum.reduceat(total, starts),
+        "soc_start": soc[starts], "soc_end": soc[ends],
         "start": time[starts], "end": time[ends],
         **_cells(starts, total, dt, soc, trajectory.floats("ambient_temperature"), battery),
+        "soc_after": given[ends] / full,
     }  # fmt: skip
+    segments["soc_used"] -= segments["charged"] / full
     bins = np.flatnonzero(np.append(True, np.diff(time // BIN) != 0))
     # A gauge steps too coarsely for a curve over time.
-    drawn = {n: v * (source != "soc") for n, v in (compared | {"known": known * dt}).items()}
+    drawn = {n: v * ~by_soc for n, v in (compared | {"known": known * dt}).items()}
     over_time = _reduced(joules | drawn, bins)
     stretches = _by_stretch(fine, sum(pieces.values(), np.zeros(len(fine))), metres)
     inside = [zone.contains(fine.x, fine.y) for zone in site.zones]
@@ -121,12 +138,10 @@ def keep_book(
 def _by_stretch(motion: Motion, joules: Floats, metres: Floats) -> Columns:
     """Joules and metres on every stretch of directed edge that was driven."""
     on = np.flatnonzero((motion.edge >= 0) & (motion.speed > 0.0))
-    number = (np.maximum(motion.edge_offset[on], 0.0) / STRETCH).astype(np.int64)
-    most = int(number.max(initial=0)) + 1
-    key, inverse = np.unique(motion.edge[on] * most + number, return_inverse=True)
-    edge, number = (part.astype(np.int32) for part in np.divmod(key, most))
-    sums = (np.bincount(inverse, of[on], len(key)) for of in (joules, metres))
-    return dict(zip(("edge", "number", "joules", "metres"), (edge, number, *sums), strict=True))
+    number = (np.maximum(motion.edge_offset[on], 0.0) / STRETCH).astype(np.int32)
+    columns = {"edge": motion.edge[on], "number": number, "joules": joules[on], "metres": metres[on]}
+    rows = pd.DataFrame(columns)
+    return {str(n): v.to_numpy() for n, v in rows.groupby(["edge", "number"], as_index=False).sum().items()}
 
 
 def _reduced(rows: dict[str, Floats], starts: Indices) -> Columns:
@@ -137,20 +152,24 @@ def _reduced(rows: dict[str, Floats], starts: Indices) -> Columns:
 def _cells(
     starts: Indices, power: Floats, dt: Floats, soc: Floats, temperature: Floats, battery: BatteryModel
 ) -> Columns:
-    """Discharge the battery segment by segment, from the charge in the log, or from full if there is none."""
+    """Discharge the battery segment by segment, from the (N,) charge in the log, or from full without one."""
     rows = []
     for a, b in itertools.pairwise([*starts.tolist(), len(power)]):
         warm = temperature[a:b][np.isfinite(temperature[a:b])]
         mean = float(warm.mean()) if len(warm) else float("nan")
-        done = discharge(power[a:b], dt[a:b], battery, float(np.nan_to_num(soc[a], nan=1.0)), mean)
-        end = done.soc[-1] + 0.0 * soc[a]
-        rows.append((end, done.voltage.min(), done.collapsed @ dt[a:b], done.empty @ dt[a:b]))
-    names = ("soc_end_model", "lowest", "collapsed", "empty")
+        start = float(np.nan_to_num(soc[a], nan=1.0))
+        done = discharge(power[a:b], dt[a:b], battery, start, mean)
+        used = start - done.soc[-1]
+        rows.append((used, done.voltage.min(), done.collapsed @ dt[a:b], done.empty @ dt[a:b]))
+    names = ("soc_used", "lowest", "collapsed", "empty")
     return dict(zip(names, np.array(rows, dtype=np.float64).T, strict=True))
 
 
 def summed(segments: pd.DataFrame, by: list[str], physics: Physics) -> pd.DataFrame:
-    """Segments grouped ``by`` columns, in kWh, km and h."""
+    """Segments, a vehicle's in order of time, grouped ``by`` columns, in kWh, km and h.
+
+    A state of charge is that of one vehicle, over a time that no other group interrupts: the model's at the
+    end is the log's at the start, less what the model used, plus what was charged meanwhile."""
     add = [c for c in segments.columns if c.startswith("J_") or c in SUMS]
     grouped = segments.groupby(by, sort=True, dropna=False)
     total = grouped[add].sum().join(grouped.agg(ENDS))
@@ -161,6 +180,9 @@ def summed(segments: pd.DataFrame, by: list[str], physics: Physics) -> pd.DataFr
     measured = total["measured"].where(known)
     auxiliary = total.get("J_auxiliary_load", 0.0) + total.get("J_thermal_load", 0.0)
     start, end = (pd.to_datetime(total[name], unit="us", utc=True) for name in ("start", "end"))
+    number = np.arange(len(segments)) + pd.factorize(segments["vehicle_id"])[0]
+    spans = segments.assign(number=number).groupby(by, sort=True, dropna=False)["number"]
+    socs = total[["soc_start", "soc_end"]].where(spans.max() - spans.min() + 1 == spans.size())
     out = pd.DataFrame({
         "start": start, "end": end, "duration_h": total["seconds"] / 3600.0, "distance_km": km,
         "energy_kwh": energy / KWH, "kwh_per_km": energy / KWH / km.where(km > 0.01),
@@ -171,7 +193,7 @@ def summed(segments: pd.DataFrame, by: list[str], physics: Physics) -> pd.DataFr
         "difference_kwh": (total["beside_measured"] - measured) / KWH, "charged_kwh": total["charged"] / KWH,
         "regenerated_kwh": total["returned"] / KWH, "auxiliary_share": auxiliary / energy.where(energy > 0.0),
         "battery_loss_kwh": total["loss"] / KWH, "peak_power_kw": total["peak"] / 1000.0,
-        "soc_start": total["soc_start"], "soc_end": total["soc_end"], "soc_end_model": total["soc_end_model"],
+        **socs, "soc_end_model": socs["soc_start"] - total["soc_used"] - total["soc_after"],
         "lowest_voltage_v": total["lowest"], "collapsed_s": total["collapsed"], "empty_s": total["empty"],
     })  # fmt: skip
     ledger = (total[terms] / KWH).rename(columns=lambda c: f"{c.removeprefix('J_')}_kwh")
@@ -238,9 +260,8 @@ def zone_table(zones: pd.DataFrame, terms: Sequence[str], site: Site) -> pd.Data
     """Energy by zone of the site, with the ledger."""
     if not site.zones:
         return pd.DataFrame()
-    names = [f"J_{t}" for t in terms]
-    total = {n: np.bincount(zones["zone"], zones[n], len(site.zones)) for n in (*names, "metres", "seconds")}
-    energy, km = np.stack([total[n] for n in names], axis=1).sum(axis=1) / KWH, total["metres"] / 1000.0
-    table = {"zone": [z.id for z in site.zones], "duration_h": total["seconds"] / 3600.0, "distance_km": km}
-    table |= {"energy_kwh": energy, "kwh_per_km": energy / np.where(km > 0.01, km, np.nan)}
-    return pd.DataFrame(table | {f"{t}_kwh": total[f"J_{t}"] / KWH for t in terms})
+    total = zones.groupby("zone").sum()
+    ledger = (total[[f"J_{t}" for t in terms]] / KWH).set_axis([f"{t}_kwh" for t in terms], axis=1)
+    energy, km, hours = ledger.sum(axis=1), total["metres"] / 1000.0, total["seconds"] / 3600.0
+    table = {"zone": [z.id for z in site.zones], "duration_h": hours, "distance_km": km}
+    return pd.DataFrame({**table, "energy_kwh": energy, "kwh_per_km": energy / km.where(km > 0.01), **ledger})

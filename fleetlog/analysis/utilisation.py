@@ -3,12 +3,14 @@
 A simulation says so itself.  Of a recording it is read from motion, load, forks and power, by these rules:
 
 - it moves where its speed exceeds :data:`~fleetlog.store.trips.STANDING_SPEED`; laden from 25 kg on;
-- a standstill in which the state of charge rises, the battery takes power, or the log says so, is charging;
+- a standstill in which the battery takes power, or the log says so, is charging; where the state of charge
+  rises by more than ``MIN_CHARGE``, the time from its lowest until it falls again is;
 - within ``REACH`` of a change of load, or of a movement of the forks, a truck that stands is handling;
 - any other standstill is waiting with a load on the forks, or, of at most ``PATIENCE``, before a truck takes
   a load up or on its way; else idle: after a load was set down, until the truck sets off again (without its
   orders, one that waits there for its next task to begin cannot be told from an idle one);
-- a silence of the log longer than ``MAX_GAP`` is no data.
+- a silence of the log longer than ``MAX_GAP`` is no data, unless the charge rises before and after it: where
+  it rises only meanwhile, the battery was charged, but not all the time.
 
 The intervals of a truck partition the time from its first to its last row."""
 
@@ -54,8 +56,8 @@ MOST_QUARTERS = 4_000_000  # Of all vehicles together: a hundred vehicles for a 
 def utilisation(dataset: Dataset) -> Result:
     """Divide the time of every truck by what it does.
 
-    The result has table ``states``: vehicle_id, state, start, end; table ``utilisation``: hours by truck and
-    state; summary with the hours and shares of the fleet."""
+    The result has table ``states``: vehicle_id, state, charged, start, end; table ``utilisation``: hours by
+    truck and state; summary with the hours and shares of the fleet."""
     table = states(dataset)
     hours = hours_by_state(table, table["vehicle_id"])
     total = hours.sum()
@@ -89,11 +91,13 @@ def state_bars(name: str, hours: pd.DataFrame) -> Bars:
 
 
 def states(dataset: Dataset) -> pd.DataFrame:
-    """Intervals by vehicle: vehicle_id, state, start, end; they partition the time of each."""
+    """Intervals by vehicle: vehicle_id, state, whether it is ``charged``, start, end; they partition the
+    time of each."""
     if (activities := read_table(dataset, "activities")) is not None:
         named = activities.assign(state=activities["activity"].map(OF_ACTIVITY))
         named = named[named["end"] > named["start"]]
-        return named[["vehicle_id", "state", "start", "end"]].reset_index(drop=True)
+        named = named.assign(charged=named["state"] == "charging").reset_index(drop=True)
+        return named[["vehicle_id", "state", "charged", "start", "end"]]
     if not (found := [intervals(t) for t in joined_days(dataset, COLUMNS)]):
         raise DataError("the dataset has no rows", where=dataset.path)
     return pd.concat(found, ignore_index=True)
@@ -109,11 +113,12 @@ def joined_days(dataset: Dataset, columns: Sequence[str]) -> Iterator[Trajectory
 
 def intervals(t: Trajectory) -> pd.DataFrame:
     """The states of one truck, from its rows: each lasts from a row to the next."""
-    code = row_states(t)[:-1]
-    first = np.flatnonzero(np.diff(code, prepend=-1))
+    code, charged = (rows[:-1] for rows in row_states(t))
+    first = np.flatnonzero(np.diff(2 * code + charged, prepend=-1))
     ends = np.append(t.time[first[1:]], t.time[-1:] if len(first) else t.time[:0])
     named, starts = np.array(STATES, dtype=object)[code[first]], stamps(t.time[first])
-    return pd.DataFrame({"vehicle_id": t.vehicle_id, "state": named, "start": starts, "end": stamps(ends)})
+    frame = {"vehicle_id": t.vehicle_id, "state": named, "charged": charged[first]}
+    return pd.DataFrame({**frame, "start": starts, "end": stamps(ends)})
 
 
 def stamps(time: Ints) -> pd.DatetimeIndex:
@@ -121,14 +126,13 @@ def stamps(time: Ints) -> pd.DatetimeIndex:
     return pd.to_datetime(time, unit="us", utc=True).as_unit("us")
 
 
-def row_states(t: Trajectory) -> Ints:
-    """(N,) index into ``STATES`` of the time from each row to the next."""
+def row_states(t: Trajectory) -> tuple[Ints, Mask]:
+    """(N,) index into ``STATES`` of the time from each row to the next, and whether the truck is charged."""
     number = {s: i for i, s in enumerate(STATES)}
     still = np.nan_to_num(t.floats("speed")) <= STANDING_SPEED
     load = t.floats("payload")
     laden = np.nan_to_num(load) > MIN_LOAD_CHANGE
-    step = np.diff(t.time, append=t.time[-1:])
-    silent = step > MAX_GAP * 1e6
+    step, silent = np.diff(t.time, append=t.time[-1:]), silences(t)
     stand = np.cumsum(np.diff(still | silent, prepend=False) | np.diff(silent, prepend=False), dtype=np.int64)
     first = np.flatnonzero(np.diff(stand, prepend=-1))
     rows = np.diff(np.append(first, len(stand)))
@@ -142,24 +146,53 @@ def row_states(t: Trajectory) -> Ints:
     out[still & _handling(t, still, load)] = number["handling"]
     out[still & _charging(t, first, rows, lasts)] = number["charging"]
     out[silent] = number["no_data"]
-    return np.asarray(out, dtype=np.int64)
+    rises, sure = _rising(t, still, silent)
+    out[rises & (sure | ~silent)] = number["charging"]
+    return np.asarray(out, dtype=np.int64), (out == number["charging"]) | rises
 
 
 def charging(t: Trajectory) -> Mask:
     """(N,) whether the battery is charged from each row to the next, and gives nothing meanwhile."""
-    power, soc = measured_power(t), t.floats("soc")
-    gives = np.where(np.isfinite(power), power > 0.0, np.diff(soc, append=soc[-1:]) < 0.0)
-    return np.asarray((row_states(t) == STATES.index("charging")) & ~gives)
+    power, soc = measured_power(t), soc_level(t)
+    falls = np.diff(soc, append=soc[-1:]) < 0.0
+    gives = np.where(np.isfinite(power) & ~silences(t), power > 0.0, falls)
+    return row_states(t)[1] & ~gives
 
 
 def _charging(t: Trajectory, first: Ints, rows: Ints, lasts: Floats) -> Mask:
-    """Where the log says so; standstills in which the battery takes power on average, or its charge rises."""
-    is_text, soc = isinstance(t.columns.get("charging"), Labels), t.floats("soc")
+    """Where the log says so, and standstills in which the battery takes power on average."""
+    is_text = isinstance(t.columns.get("charging"), Labels)
     said = np.zeros(len(t)) if is_text else t.floats("charging")
-    rise = np.repeat(soc[first + rows - 1] - soc[first], rows)
     taken = np.repeat(-np.add.reduceat(np.nan_to_num(t.floats("battery_power")), first) / rows, rows)
-    takes = (taken > CHARGER) & (lasts >= SHORTEST_CHARGE)
-    return np.asarray((said > 0.0) | takes | (np.nan_to_num(rise) > MIN_CHARGE))
+    return np.asarray((said > 0.0) | (taken > CHARGER) & (lasts >= SHORTEST_CHARGE))
+
+
+def _rising(t: Trajectory, still: Mask, silent: Mask) -> Mask:
+    """(2, N) standstills in which the state of charge rises, from its lowest until it falls again, and the
+    part in which it rose before and rises after.  A silence belongs to the standstill that it begins in, and
+    is one of its own where the truck still drove."""
+    kind, soc, out = np.where(still, 0, np.where(silent, 1, 2)), soc_level(t), np.zeros((2, len(t)), bool)
+    first = np.flatnonzero(np.diff(kind, prepend=-1))
+    last = np.append(first[1:], len(t) - 1)  # The row that ends the time of the one before it
+    charged = (kind[first] < 2) & (soc[last] - soc[first] > MIN_CHARGE)
+    for begin, end in zip(first[charged].tolist(), last[charged].tolist(), strict=True):
+        low = end - 1 - int(np.argmin(soc[begin:end][::-1]))
+        after = soc[low : end + 1]
+        out[0, low : end - np.argmax(after[::-1])] = True
+        out[1, low + 1 : low + int(np.argmax(after)) - 1] = True
+    return out
+
+
+def soc_level(t: Trajectory) -> Floats:
+    """(N,) state of charge, held between its values; what changes over a silence changes in no other row."""
+    stretch, soc = np.cumsum(np.append(False, silences(t)))[:-1], pd.Series(t.floats("soc"))
+    held = soc.groupby(stretch).ffill().groupby(stretch).bfill().ffill()
+    return np.asarray(held, dtype=np.float64)
+
+
+def silences(t: Trajectory) -> Mask:
+    """(N,) whether the log is silent from each row to the next."""
+    return np.asarray(np.diff(t.time, append=t.time[-1:]) > MAX_GAP * 1e6)
 
 
 def _handling(t: Trajectory, still: Mask, load: Floats) -> Mask:

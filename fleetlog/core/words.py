@@ -24,3 +24,9 @@ def reasons(counts: Mapping[str, int]) -> str:
 def listed(parts: Sequence[str]) -> str:
     """``a``, ``a and b``, ``a, b and c``."""
     return " and ".join([*([", ".join(parts[:-1])] if parts[1:] else []), *parts[-1:]])
+
+
+def wrong_sign(vehicles: Sequence[str]) -> str:
+    """What to do where the battery seems to be charged by driving."""
+    what = f"battery power of {listed(vehicles)} is negative while driving, and should be positive"
+    return f"{what} when discharging: turn its sign with scale = -1 in a profile (--profile)"

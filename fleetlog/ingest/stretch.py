@@ -19,7 +19,7 @@ from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Rejects, Slip, windows, with_own_columns
 from fleetlog.ingest.summary import DERIVED, MOST_PACES, Outcome
-from fleetlog.store.trips import trip_ids
+from fleetlog.store.trips import STANDING_SPEED, trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
 
 if TYPE_CHECKING:
@@ -166,6 +166,9 @@ class VehicleImport:
         self.writer.write(with_own_columns(rows, self.plan.own))
         self.out.counts["stuck"] += int(np.nansum(rows.floats(STUCK)))
         self.out.counts["held"] += int(np.nansum(rows.floats(HELD)))
+        driven = rows.floats("speed") > STANDING_SPEED
+        watts, powers = float(np.nansum(rows.floats("battery_power")[driven])), self.out.driven_power
+        powers[rows.vehicle_id] = powers.get(rows.vehicle_id, 0.0) + watts
         derived = "speed" in self.out.derived.get(rows.vehicle_id, ())
         if not derived and len(self.out.paces) < MOST_PACES and (pace := derive.pace_ratio(rows)) is not None:
             self.out.paces.append(pace)

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fleetlog.core.words import count, reasons
+from fleetlog.core.words import count, reasons, wrong_sign
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 from fleetlog.importers._open import ReadReport
 from fleetlog.ingest.derive import suspect_unit
@@ -134,6 +134,7 @@ class Outcome:
     off_map: Counter[str] = field(default_factory=Counter)  # Rows without a road, by reason
     derived: dict[str, list[str]] = field(default_factory=dict)  # Columns made from others, by vehicle
     filled: Counter[str] = field(default_factory=Counter)  # Single values made from others, by column
+    driven_power: dict[str, float] = field(default_factory=dict)  # Sum of rows that drive [W], by vehicle
     paces: list[float] = field(default_factory=list)  # Speeds of the log over those of its positions
 
 
@@ -154,6 +155,8 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
         f"{n:,} {DERIVED[name]} (unknown in the log, or rejected)" for name, n in summary.filled.items()
     ]
     summary.notes += _notes(counts, paces[:MOST_PACES])
+    if turned := [v for o in outcomes for v, power in o.driven_power.items() if power < 0.0]:
+        summary.notes.append(wrong_sign(turned))
     if counts["matched"]:
         summary.matched = counts["on_road"] / counts["matched"]
 

@@ -20,6 +20,7 @@ from fleetlog.analysis.speeding import speeding
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.tariff import Tariff, costs
 from fleetlog.analysis.trips import trips
+from fleetlog.core.arrays import Ints
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -30,15 +31,16 @@ from fleetlog.physics.motion.channels import measured_power
 from fleetlog.simulate.places import find_stands
 from fleetlog.store import Dataset
 from fleetlog.store.events import read_table
-from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE
+from fleetlog.store.trips import MIN_LOAD_CHANGE
 from fleetlog.view.palette import Scale
 
 SHORTEST_TRIP = 5.0  # A shorter trip is shunting [m]
 MOST_CELLS = 400  # Of the heat map, along its longer side
 Ledger = pd.DataFrame
 KEYS = ["vehicle_id", "start"]  # Of the ledger
-UNITS = {"km": 1000.0, "energy_km": 1000.0, "energy_h": 3600.0, "used_kwh": 1.0, "charged_kwh": 1.0}
-"""Of consumption, in metres, seconds and kWh."""
+UNITS = dict.fromkeys(("km", "energy_km"), 1e3) | dict.fromkeys(("energy_h", "logged_h"), 3600.0)
+UNITS |= dict.fromkeys(("energy_tasks", "used_kwh", "charged_kwh"), 1.0)
+"""Of consumption, in metres, seconds, tasks and kWh."""
 
 
 @dataclass
@@ -103,8 +105,9 @@ def _ledger(facts: Facts) -> Ledger:
     """(vehicle_id, start) with one column a sum; :mod:`fleetlog.report.figures` says what is made of them."""
     d, results = facts.dataset, facts.results
     over, near = (results[name].places[name] for name in ("speeding", "near_misses"))
-    parts = [_states(results["utilisation"].tables["states"]), _energy(facts)]
-    parts.append(_summed("tasks", tasks_done(d), 1.0))
+    tasks = tasks_done(d)
+    parts = [_states(results["utilisation"].tables["states"]), _energy(facts, tasks)]
+    parts.append(_summed("tasks", tasks, 1.0))
     trip = d.trips[d.trips["distance"] >= SHORTEST_TRIP] if len(d.trips) else d.trips
     if len(trip):
         parts.append(_summed("trips", trip, 1.0))
@@ -126,7 +129,7 @@ def _ledger(facts: Facts) -> Ledger:
     if not loads.any():
         out["tasks"] = np.nan
     out["load_hours"] = out["hours"].where(loads, 0.0)
-    out["task_kwh"], out["energy_tasks"] = (out[c].where(powered, 0.0) for c in ("used_kwh", "tasks"))
+    out["task_kwh"], out["energy_tasks"] = (out[c].where(powered, 0.0) for c in ("used_kwh", "energy_tasks"))
     if facts.tariff is not None:
         local = facts.local(out.index.get_level_values("start").to_series())
         out["cost"], out["co2_kg"] = costs(out["used_kwh"], out["charged_kwh"], local, facts.tariff)
@@ -143,34 +146,43 @@ def _states(table: pd.DataFrame) -> Ledger:
     return hours.rename(columns={s: f"{s}_h" for s in spent.STATES})
 
 
-def consumption(dataset: Dataset) -> Ledger:
+def consumption(dataset: Dataset, tasks: pd.DataFrame | None = None, truck: Truck | None = None) -> Ledger:
     """Kilometres, and energy used and charged as the log's electrical channels give it.
 
     Power is held from each row to the next; a silence longer than ``MAX_GAP`` counts nothing.  What flows
     into the battery while the truck is charged is charged energy, everything else is used (braking returns
-    some).  ``energy_km`` and ``energy_h`` are those with a known power."""
-    days = map(_quarters, spent.joined_days(dataset, (*spent.COLUMNS, "battery_voltage", "battery_current")))
+    some).  A charge without power is the rise of the state of charge, where ``truck`` gives the capacity.
+    ``energy_km``, ``energy_h`` and ``energy_tasks`` are those with a known power, of ``logged_h`` hours."""
+    by_truck = () if tasks is None else tasks.groupby("vehicle_id")["start"]
+    done = {v: own.dt.as_unit("us").astype("int64").to_numpy() for v, own in by_truck}
+    capacity = 0.0 if truck is None else truck.battery.capacity_wh / 1000.0
+    of_days = spent.joined_days(dataset, (*spent.COLUMNS, "battery_voltage", "battery_current"))
+    days = [_quarters(t, done.get(t.vehicle_id, t.time[:0]), capacity) for t in of_days]
     return pd.concat(days).groupby(level=KEYS).sum().div(pd.Series(UNITS))
 
 
-def _quarters(t: Trajectory) -> Ledger:
-    """One day of a truck, in the ``UNITS``."""
-    step = np.diff(t.time, append=t.time[-1:]) * 1e-6
-    dt = np.where(step <= MAX_GAP, step, 0.0)
+def _quarters(t: Trajectory, done: Ints, capacity: float) -> Ledger:
+    """One day of a truck, in the ``UNITS``; (n,) times [us] of its tasks, capacity [kWh] of its battery."""
+    silent, soc = spent.silences(t), spent.soc_level(t)
+    dt = np.where(silent, 0.0, np.diff(t.time, append=t.time[-1:]) * 1e-6)
     watts = measured_power(t)
     known = np.isfinite(watts)
     kwh = np.where(known, watts, 0.0) * dt / 3.6e6
-    charging = spent.charging(t)
+    charging, rise = spent.charging(t), np.nan_to_num(np.diff(soc, append=soc[-1:]))
+    given = np.where(silent | ~known, rise * capacity, -kwh)
     metres = np.nan_to_num(t.floats("speed")) * dt
-    energy = np.where(charging, 0.0, kwh), np.where(charging, -kwh, 0.0)
-    rows = pd.DataFrame(dict(zip(UNITS, (metres, known * metres, known * dt, *energy), strict=True)))
+    at = np.searchsorted(t.time, done, side="right") - 1
+    tasks = np.bincount(at[at >= 0], minlength=len(t)) * (known & (dt > 0.0))
+    energy = np.where(charging, 0.0, kwh), np.where(charging, given, 0.0)
+    sums = metres, known * metres, known * dt, dt, tasks, *energy
+    rows = pd.DataFrame(dict(zip(UNITS, sums, strict=True)))
     rows["vehicle_id"], rows["start"] = t.vehicle_id, spent.stamps(t.time // spent.QUARTER * spent.QUARTER)
     return rows.groupby(KEYS).sum()
 
 
-def _energy(facts: Facts) -> Ledger:
+def _energy(facts: Facts, tasks: pd.DataFrame) -> Ledger:
     """Kilometres and energy; without an electrical channel that of the truck's model, if there is one."""
-    out = consumption(facts.dataset)
+    out = consumption(facts.dataset, tasks, facts.truck)
     hours = out["energy_h"].groupby(level="vehicle_id").sum()
     measured = hours.index[hours > 0.0]
     facts.energy_from = dict.fromkeys(measured, "power")
@@ -182,9 +194,11 @@ def _energy(facts: Facts) -> Ledger:
     used = gauge.fillna(model["energy_kwh"])
     known = gauge.notna().groupby(model["vehicle_id"]).any()
     facts.energy_from |= {str(v): "state of charge" if yes else "model" for v, yes in known.items()}
+    out.loc[~out.index.isin(measured, level="vehicle_id"), ["logged_h", "charged_kwh"]] = 0.0
     extra = {"energy_km": model["distance_km"], "energy_h": model["duration_h"], "used_kwh": used,
-             "charged_kwh": model["charged_kwh"]}  # fmt: skip
-    return pd.concat([out, *(_summed(name, model, values) for name, values in extra.items())])
+             "logged_h": model["duration_h"], "charged_kwh": model["charged_kwh"]}  # fmt: skip
+    theirs = _summed("energy_tasks", tasks[tasks["vehicle_id"].isin(model["vehicle_id"])], 1.0)
+    return pd.concat([out, theirs, *(_summed(name, model, values) for name, values in extra.items())])
 
 
 def tasks_done(dataset: Dataset) -> pd.DataFrame:

@@ -217,7 +217,7 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
         **{f"waiting_{k.replace(' ', '_')}_h": v / 3600.0 for k, v in s.limits.waiting_s.items()},
         "busy_share": next(r.utilisation for r in s.limits.resources if r.kind == "trucks"),
         "distance_km": s.distance_m / 1000.0, "energy_kwh": s.energy_wh / 1000.0,
-        "charged_kwh": s.charged_wh / 1000.0, "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1),
+        "charged_kwh": s.charged_wh / 1000.0, "energy_per_task_wh": s.energy_wh / (c.tasks_done or np.nan),
         "charges": c.charges, "soc_lowest": s.soc_lowest, "longest_wait_s": s.longest_wait_s,
         "deadlocks": c.deadlocks, "empty": len(c.empty),
         "left_out": "; ".join(note for note in s.notes if note.startswith("places left out")),
@@ -235,8 +235,8 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
         good = group.dropna(subset="tasks_done").set_index("seed")
         row = {"variant": number, **group[names].iloc[0], "runs": len(group), "possible": len(good)}
         for name in MEASURES:
-            for key, values in ((name, good[name]), (f"{name}_change", (good[name] - first[name]).dropna())):
-                row |= {key: float(values.mean()), f"{key}_ci": half_width(values.to_numpy(float))}
+            for key, values in {name: good[name], f"{name}_change": good[name] - first[name]}.items():
+                row |= {key: float(values.mean()), f"{key}_ci": half_width(values.dropna().to_numpy(float))}
         row["bottleneck"] = good.bottleneck.mode().iloc[0] if len(good) else str(group.error.iloc[0])
         row["left_out"] = "; ".join(good.left_out.unique())
         out.append(row)

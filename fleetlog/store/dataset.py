@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property, lru_cache
-from itertools import product
+from itertools import chain, pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
@@ -156,15 +156,25 @@ class Dataset:
         return concatenate(pieces) if pieces else Trajectory(vehicle, np.zeros(0, np.int64))
 
     def pieces(
-        self, vehicle: str, date: str, columns: Sequence[str] | None = None, rows: int = 100_000
-    ) -> Iterator[Trajectory]:
-        """The rows of a vehicle's day in whole trips, about ``rows`` at a time unless a trip is longer."""
+        self, vehicle: str, date: str, columns: Sequence[str] | None = None, rows: int = 100_000, *,
+        joined: bool = False,
+    ) -> Iterator[Trajectory]:  # fmt: skip
+        """The rows of a vehicle's day in whole trips, about ``rows`` at a time unless a trip is longer.
+
+        ``joined`` to the vehicle's next row, of the same day or a later one: no time between them is lost."""
+        if joined:
+            later = next((d for v, d in self.vehicle_days if v == vehicle and d > date), "")
+            after = next(_pieces(self.parts(vehicle, later), vehicle, columns, 1), None)
+            for piece, following in pairwise(chain(self.pieces(vehicle, date, columns, rows), [after])):
+                yield concatenate([p[: None if p is piece else 1] for p in (piece, following) if p])
+            return
         rest: list[Trajectory] = []
         for batch in _pieces(self.parts(vehicle, date), vehicle, columns, rows):
-            piece = concatenate([*rest, batch])
-            if cut := int(np.max(np.flatnonzero(np.diff(piece.trip_ids())) + 1, initial=0)):
-                yield piece[:cut]
-            rest = [piece[cut:]]
+            for piece in rest:  # A day is cut only where more of it follows.
+                if cut := int(np.max(np.flatnonzero(np.diff(piece.trip_ids())) + 1, initial=0)):
+                    yield piece[:cut]
+                rest = [piece[cut:]]
+            rest = [concatenate([*rest, batch])]
         yield from rest
 
     def days(self, columns: Sequence[str] | None = None, only: Sequence[str] = ()) -> Iterator[Trajectory]:

@@ -82,7 +82,7 @@ class Partials:
 
 def each_day(
     dataset: Dataset, work: Callable[..., P], *arguments: Any, kinds: Sequence[type] = (),
-    vehicles: Sequence[str] = (), cost: float = ROW_COST,
+    vehicles: Sequence[str] = (), cost: float = ROW_COST, joined: bool = False,
 ) -> Generator[P, None, None]:  # fmt: skip
     """Yield ``work(dataset, vehicle, date, *arguments)`` for every vehicle-day, by vehicle and then by date.
 
@@ -90,9 +90,12 @@ def each_day(
         plain data (see :func:`encode`).
     kinds : dataclasses that its result is made of; with any, results are kept in the dataset's folder.
     vehicles : only these; all by default.
-    cost : of a row [s], about."""
+    cost : of a row [s], about.
+    joined : the work reads the vehicle's next day, too."""
     days = [d for d in dataset.vehicle_days if not vehicles or d[0] in vehicles]
-    parts = [Part(dataset.folder_of(*d), d, (d,)) for d in days]
+    ends = zip(days, [*days[1:], ("", "")], strict=True)
+    reads = [(d, after) if joined and d[0] == after[0] else (d,) for d, after in ends]
+    parts = [Part(dataset.folder_of(*d[0]), d[0], d) for d in reads]
     yield from each_part(dataset, parts, work, *arguments, kinds=kinds, cost=cost)
 
 

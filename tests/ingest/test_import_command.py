@@ -52,6 +52,18 @@ def test_without_a_map(log: Path, tmp_path: Path) -> None:
     assert "derived: heading, speed" in done.stdout
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_battery_that_driving_charges_is_told(tmp_path: Path, sign: int) -> None:
+    head, *body = (HEADER + rows(120)).splitlines()
+    # Standing it is charged: that is no wrong sign.
+    power = [(900 if i < 60 else -9000) * sign for i in range(120)]
+    lines = [f"{r},{1.1 if i < 60 else 0},{p}" for i, (r, p) in enumerate(zip(body, power, strict=True))]
+    (tmp_path / "log.csv").write_text("\n".join([f"{head},speed,battery_power", *lines]))
+    done = fleetlog("import", tmp_path / "log.csv", "-o", tmp_path / "out", "--no-recording")
+    told = "battery power of A is negative while driving" in done.stdout
+    assert done.returncode == 0 and told == (sign < 0)
+
+
 def test_json_is_one_object_and_provenance_is_kept(log: Path, tmp_path: Path) -> None:
     done = fleetlog("import", log, "-o", tmp_path / "out", "--no-recording", "--json")
     summary = json.loads(done.stdout)

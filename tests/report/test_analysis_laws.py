@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
@@ -84,7 +86,7 @@ def test_a_truck_without_load_and_forks_is_not_said_to_handle_or_to_wait() -> No
     truck = rows(
         "T1", np.arange(100), speed=np.repeat([2.0, 0.0, 2.0], [40, 20, 40]), x=0.0, y=0.0, heading=0.0
     )
-    assert {STATES[k] for k in row_states(truck)} == {"driving", "standing"}
+    assert {STATES[k] for k in row_states(truck)[0]} == {"driving", "standing"}
 
 
 def test_utilisation_of_a_fleet_adds_up(write) -> None:
@@ -107,6 +109,24 @@ def test_energy_used_and_charged_are_the_integral_of_power(write) -> None:
         for t in trucks
     )
     assert (table.used_kwh.sum() - table.charged_kwh.sum()) * 3.6e6 == pytest.approx(total)
+
+
+@given(st.integers(0, 1000), st.integers(0, 300))
+def test_tasks_count_for_energy_where_power_is_known(seed: int, rest: int) -> None:
+    """A half without power adds hours that were logged, and neither energy nor tasks to a share of them."""
+    truck = random_truck(seed)
+    known = np.arange(len(truck)) < rest
+    half = truck.with_columns(battery_power=np.where(known, truck.floats("battery_power"), np.nan))
+    at = pd.to_datetime(truck.time[[40, 200]] + 1, unit="us", utc=True)
+    tasks = pd.DataFrame({"vehicle_id": truck.vehicle_id, "start": at})
+    with TemporaryDirectory() as folder:
+        with DatasetWriter.create(Path(folder) / "d", "recorded", Site("s", Frame(50.0, 9.0))) as w:
+            w.write(half)
+        table = consumption(Dataset(Path(folder) / "d"), tasks).sum()
+    dt = np.where(np.diff(truck.time) <= 60e6, np.diff(truck.time), 0) / 3.6e9
+    assert table.energy_tasks == sum(rest > k and dt[k] > 0.0 for k in (40, 200))
+    assert table.energy_h == pytest.approx(dt[known[:-1]].sum())
+    assert table.logged_h == pytest.approx(dt.sum())
 
 
 def test_a_drive_above_the_limit_lasts_as_long_as_it_does(write) -> None:

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from click import ClickException
 from click.testing import CliRunner
-from drawn_trucks import crossing, random_truck, straight
+from drawn_trucks import crossing, random_truck, rows, straight
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -342,3 +342,19 @@ def test_the_page_of_an_experiment_needs_nothing_from_outside(experiment, tmp_pa
 def test_an_experiment_stands_alone(experiment, tmp_path: Path) -> None:
     status, said = run(experiment.output, experiment.output, "-o", tmp_path / "r.html")
     assert status == 1 and "is not a dataset" in said and not (tmp_path / "r.html").exists()
+
+
+def test_the_page_says_for_how_much_of_the_time_energy_is_known(write) -> None:
+    def truck(name: str, known: int):
+        t = np.arange(400.0)
+        load = np.where((t // 40).astype(int) % 2 == 0, 0.0, 900.0)
+        out = rows(name, t, x=0.0, y=0.0, heading=0.0, speed=np.where(t % 40 < 20, 0.0, 2.0), payload=load)
+        return out.with_columns(battery_power=np.where(t < known, 2000.0, np.nan))
+
+    whole, half = (report(write([truck("T", k)], name=f"d{k}")) for k in (400, 200))
+    figures = [r.summary["datasets"][0]["figures"] for r in (whole, half)]
+    assert figures[1]["energy_known"] == pytest.approx(50.0, abs=0.5)
+    assert figures[1]["kwh_per_task"] == pytest.approx(figures[0]["kwh_per_task"], rel=0.3)
+    assert not any("for which energy is known" in line for line in whole.lines)
+    assert any("in the 50.1 % of the time for which energy is known" in line for line in half.lines)
+    assert "Time with known energy" in Tags(half.page).text

@@ -1,6 +1,7 @@
 """Experiments: values and variants, the same tasks in each, the same answer whoever runs them."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -112,6 +113,14 @@ def test_shares_are_ratios_in_tables_and_per_cent_for_people():
     assert share > 0.001 and f"{100.0 * share:.1f} %" in result.lines[-1]
     (drawn,) = (s for s in result.shapes if s.name == "waiting_share")
     assert drawn.y_label.endswith("[%]") and drawn.curves[""][-1].tolist() == pytest.approx([100.0 * share])
+
+
+def test_energy_of_no_task_is_no_number():
+    result = experiment([base(seed=k, seconds=10.0) for k in range(2)], [factor("vehicles=2,3")])
+    assert not result.tables["runs"].tasks_done.any() and result.tables["runs"].energy_kwh.all()
+    assert result.tables["variants"].energy_per_task_wh.isna().all()
+    head, *cells = (re.split(r"  +", line) for line in result.lines)
+    assert all(row[head.index("Wh/task")] == "-" for row in cells if len(row) == len(head))
 
 
 def test_an_impossible_variant_is_told_and_the_others_run():

@@ -199,3 +199,22 @@ def test_rows_out_of_order_are_named_in_one_line(tmp_path, how):
         with pytest.raises(InputError, match=f"{place}: a row is not later") as caught:
             read(dataset, *dataset.vehicle_days[0])
         assert "sort by timestamp" in caught.value.line() and "\n" not in caught.value.line()
+
+
+def test_joined_pieces_cover_every_interval_once(tmp_path):
+    from fleetlog.store.trips import trip_ids
+
+    t = drive(n=2000, t0=T0 + 18 * 3_600_000_000 - 700_000_000)
+    t = t.with_columns(trip_id=trip_ids(t))
+    gone = t[np.r_[0:900, 1500:2000]]  # A silence, too
+    with DatasetWriter.create(tmp_path / "d", "recorded", Site("s")) as w:
+        w.write(gone)
+        w.write(drive("other", n=50))
+    d = Dataset(tmp_path / "d")
+    days = d.vehicle_days
+    pieces = [
+        p for v, day in days if v == t.vehicle_id for p in d.pieces(v, day, ("trip_id",), 100, joined=True)
+    ]
+    assert len(pieces) > 5
+    ends = [(a, b) for p in pieces for a, b in pairwise(p.time.tolist())]
+    assert ends == list(pairwise(gone.time.tolist()))

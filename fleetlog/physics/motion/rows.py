@@ -67,6 +67,14 @@ def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajec
     return trajectory.without("speed") if "speed" in derived and trajectory.has("x") else trajectory
 
 
+def gaps(t: Floats, shortest: float = SHORTEST_GAP) -> Mask:
+    """(N - 1,) silences between rows at (N,) times [s]: longer than ``shortest`` and five usual intervals."""
+    step = np.diff(t)
+    # One step alone does not say what is usual; of two, the longer one may be the silence.
+    usual = np.quantile(step, 0.5, method="lower") if len(step) > 1 else 0.0
+    return step > max(shortest, 5.0 * float(usual))
+
+
 def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> Rows:
     """The rows of a log of one vehicle; ``scale`` is what its speed channel reads over the truth."""
     t, speed = trajectory.seconds(), trajectory.floats("speed") / scale
@@ -75,8 +83,7 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
     if not np.isfinite(x).any() and not np.isfinite(speed).any():
         what = f"vehicle {trajectory.vehicle_id} has neither positions nor speeds"
         raise DataError(what, do="map one of them in a profile")
-    step = np.diff(t)
-    breaks = np.append(True, step > max(SHORTEST_GAP, 5.0 * float(np.median(step)) if len(step) else 0.0))
+    breaks = np.append(True, gaps(t))
     if not (fresh := updates(t, x, y, speed)).any():
         x = y = np.zeros(len(t))
     elif not fresh.all():
