@@ -100,6 +100,6 @@ def _lines(s: dict[str, Any], pairs: pd.DataFrame, shortest: float) -> list[str]
 def _places(dataset: Dataset, table: pd.DataFrame, end: str) -> list[str]:
     """Name of the site's place at the start or end of each trip, empty where there is none."""
     spots = np.reshape([(p.x, p.y) for p in dataset.site.places], (-1, 2))
-    at = table[[f"x_{end}", f"y_{end}"]].fillna(np.inf).to_numpy(float)
+    at = table[[f"x_{end}", f"y_{end}"]].fillna(1e12).to_numpy(float)  # Near no place
     names = [*(p.id for p in dataset.site.places), ""]
     return [names[k] for k in cKDTree(spots).query(at, distance_upper_bound=NEAR)[1]]
