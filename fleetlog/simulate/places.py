@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
 MIN_DWELL = 8.0  # A shorter standstill is a wait on the way, unless the load changes [s]
-CELL = 2.0  # Stands in the same or in touching cells of this size belong to one place [m]
+REACH = 2.0  # Stands so far apart, or over others between them, belong to one place [m]
+CLOSE = 1.0  # Others so near make a stand firm: a lone one between two places does not join them [m]
 MOVED, MOTION = 1.5, 50  # Motion before and after a stop is that of so many metres, within so many rows
 MIN_VISITS = 3  # A place was visited this often at least
 MIN_CHARGE = 0.005  # A state of charge that rises by more than this at a stand was charged
@@ -68,12 +69,26 @@ def find_stands(dataset: Dataset) -> Stands:
     if not found:
         raise DataError("the dataset has no rows", where=dataset.path)
     table = np.concatenate(found)
+    # A truck that stands at midnight stands once, where it stood longer.
+    first, second = table[:-1], table[1:]
+    on = (first[:, 0] == second[:, 0]) & (second[:, 1] - first[:, 2] <= MAX_GAP * 1e6)
+    on &= (first[:, 12] > 0.0) & (second[:, 11] > 0.0)
+    for k in np.flatnonzero(on)[::-1]:
+        one, two = table[k], table[k + 1]
+        if two[2] - two[1] > one[2] - one[1]:
+            one[3:5] = two[3:5]
+        one[7:9] = one[7] + two[7], max(one[8], two[8])
+        one[[2, 6, 10, 12]] = two[[2, 6, 10, 12]]
+    table = table[~np.append(np.zeros(1, bool), on)[: len(table)]]
+    lasts, load = (table[:, 2] - table[:, 1]) * 1e-6, np.abs(table[:, 6] - table[:, 5])
+    table = table[(lasts >= MIN_DWELL) | (load > MIN_LOAD_CHANGE)]
     ints = table[:, :3].astype(np.int64)
-    return Stands(ints[:, 0], ints[:, 1], ints[:, 2], *table[:, 3:].T)
+    return Stands(ints[:, 0], ints[:, 1], ints[:, 2], *table[:, 3:11].T)
 
 
 def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
-    """The truck, and its (n, 10) standstills on one day."""
+    """The truck, and its (n, 12) standstills on one day, in the order of :class:`Stands`; last, whether the
+    day begins, and whether it ends, with it: then however short."""
     t = dataset.read(vehicle, date, COLUMNS)
     gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
     load, height = np.nan_to_num(t.floats("payload")), np.nan_to_num(t.floats("fork_height"))
@@ -81,16 +96,16 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
     out = []
     for a, b in runs(np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED):
         first, last = max(a - 1, 0), min(b, len(t) - 1)
-        changes = abs(load[last] - load[first]) > MIN_LOAD_CHANGE
-        if gap[a + 1 : b].any() or ((t.time[b - 1] - t.time[a]) * 1e-6 < MIN_DWELL and not changes):
+        counts = abs(load[last] - load[first]) > MIN_LOAD_CHANGE or a == 0 or b == len(t)
+        if gap[a + 1 : b].any() or ((t.time[b - 1] - t.time[a]) * 1e-6 < MIN_DWELL and not counts):
             continue
         at = np.nanmedian(x[a:b]), np.nanmedian(y[a:b])
         rise = np.nan_to_num(soc[b - 1] - soc[a])
         row = (t.time[a], t.time[b - 1], *at, load[first], load[last], rise, height[a:b].max())
         before, after = slice(max(a - MOTION, 0), a), slice(b, b + MOTION)
         into = _direction(x[before][::-1], y[before][::-1]) + np.pi
-        out.append((*row, into, _direction(x[after], y[after])))
-    return vehicle, np.array(out, dtype=np.float64).reshape(-1, 10)
+        out.append((*row, into, _direction(x[after], y[after]), a == 0, b == len(t)))
+    return vehicle, np.array(out, dtype=np.float64).reshape(-1, 12)
 
 
 def _direction(x: Floats, y: Floats) -> float:
@@ -101,34 +116,60 @@ def _direction(x: Floats, y: Floats) -> float:
 
 def touching(cells: NDArray[Any]) -> Ints:
     """(N,) label of each of (N, 2) cells: those that touch, also at a corner, have the same."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    a, b = (cKDTree(cells).query_pairs(1.5, output_type="ndarray") if len(cells) else np.zeros((0, 2), int)).T
-    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
+    if not len(cells):
+        return np.zeros(0, np.int64)
+    return _linked(len(cells), cKDTree(cells).query_pairs(1.5, output_type="ndarray"))
+
+
+def _linked(n: int, links: NDArray[Any]) -> Ints:
+    """(n,) label of each: those with a link (L, 2), or over others, have the same."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(links)), links.T), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
+def joined(points: Floats) -> Ints:
+    """(N,) label of each of (N, 2) points: those within ``REACH``, directly or over others, have the same.
+    Delaunay's triangles hold the shortest tree over all points, and are few where pairs are many."""
+    from scipy.spatial import Delaunay
+
+    if not (n := len(points)):
+        return np.zeros(0, np.int64)
+    # With three points far away there are triangles also where all others lie on a line.
+    own, wide = points - points[0], float(np.ptp(points, axis=0).max()) + REACH
+    net = Delaunay(np.concatenate([own, wide * np.array([[-4.0, -3.0], [4.0, -3.1], [0.1, 5.0]])]))
+    # A point on another is in no triangle, but coplanar: beside that one.
+    links = np.concatenate([*(net.simplices[:, [k, k - 1]] for k in range(3)), net.coplanar[:, [0, 2]]])
+    links = links[(links < n).all(axis=1)]
+    return _linked(n, links[np.hypot(*(own[links[:, 0]] - own[links[:, 1]]).T) <= REACH])
+
+
 def clusters(stands: Stands, min_visits: int = MIN_VISITS, loads: bool = False) -> Ints:
-    """(N,) place of every stand, from west to east, -1: under ``min_visits``; cells that touch are one. With
+    """(N,) place of every stand, from west to east, -1: under ``min_visits``; see :func:`joined`. With
     ``loads`` one stand is enough where a load changed; such places come last."""
-    cell = np.floor(np.column_stack([stands.x, stands.y]) / CELL)
-    cells, of, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
-    of = of.ravel()
-    # A lone stand between two places must not join them.
-    firm = count >= max(2, min_visits // 2)
-    label = np.full(len(cells), -1)
-    label[firm] = touching(cells[firm])
-    names, code, visits = np.unique(label[of], return_inverse=True, return_counts=True)
+    from scipy.spatial import cKDTree
+
+    at = np.column_stack([stands.x, stands.y])
+    number = np.full(len(at), -1)
+    if not len(at):
+        return number
+    firm = cKDTree(at).query_ball_point(at, CLOSE, return_length=True) >= max(2, min_visits // 2)
+    if firm.any():
+        gap, nearest = cKDTree(at[firm]).query(at)
+        number = np.where(gap <= REACH, joined(at[firm])[nearest], -1)
+    names, code, visits = np.unique(number, return_inverse=True, return_counts=True)
     kept = np.flatnonzero((names >= 0) & (visits >= min_visits)).tolist()
     centre = {k: (np.median(stands.x[code == k]), np.median(stands.y[code == k])) for k in kept}
-    number = np.full(len(names), -1, dtype=np.int64)
-    number[sorted(kept, key=lambda k: (*centre[k], k))] = np.arange(len(kept))
-    out = number[code]
+    place = np.full(len(names), -1, dtype=np.int64)
+    place[sorted(kept, key=lambda k: (*centre[k], k))] = np.arange(len(kept))
+    out = place[code]
     lone = np.flatnonzero((out < 0) & (np.abs(stands.after - stands.before) > MIN_LOAD_CHANGE) & loads)
-    out[lone] = len(kept) + touching(cells[of[lone]])
-    return np.asarray(out)
+    out[lone] = len(kept) + joined(at[lone])
+    return out
 
 
 def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
