@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints
-from fleetlog.core.site import Place, PlaceKind, Site
+from fleetlog.core.site import Place, Site
 from fleetlog.errors import DataError
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
 MIN_DWELL = 8.0  # A shorter standstill is a wait on the way, unless the load changes [s]
 REACH = 2.0  # Stands so far apart, or over others between them, belong to one place [m]
+MANY = 30  # With more neighbours than this a point, pairs are not listed
 CLOSE = 1.0  # Others so near make a stand firm: a lone one between two places does not join them [m]
 MOVED, MOTION = 1.5, 50  # Motion before and after a stop is that of so many metres, within so many rows
 MIN_VISITS = 3  # A place was visited this often at least
@@ -114,87 +114,73 @@ def _direction(x: Floats, y: Floats) -> float:
     return float(np.arctan2(y[far[0]] - y[0], x[far[0]] - x[0])) if len(far) else float("nan")
 
 
-def touching(cells: NDArray[Any]) -> Ints:
-    """(N,) label of each of (N, 2) cells: those that touch, also at a corner, have the same."""
-    from scipy.spatial import cKDTree
-
-    if not len(cells):
-        return np.zeros(0, np.int64)
-    return _linked(len(cells), cKDTree(cells).query_pairs(1.5, output_type="ndarray"))
-
-
-def _linked(n: int, links: NDArray[Any]) -> Ints:
-    """(n,) label of each: those with a link (L, 2), or over others, have the same."""
+def joined(points: NDArray[Any], reach: float = REACH) -> Ints:
+    """(N,) label of each of (N, 2) points: those within ``reach``, directly or over others, have the same.
+    Where pairs are many, Delaunay's triangles are few, and hold the shortest tree over all points."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
-
-    graph = coo_matrix((np.ones(len(links)), links.T), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-
-
-def joined(points: Floats) -> Ints:
-    """(N,) label of each of (N, 2) points: those within ``REACH``, directly or over others, have the same.
-    Delaunay's triangles hold the shortest tree over all points, and are few where pairs are many."""
-    from scipy.spatial import Delaunay
+    from scipy.spatial import Delaunay, cKDTree
 
     if not (n := len(points)):
         return np.zeros(0, np.int64)
-    # With three points far away there are triangles also where all others lie on a line.
-    own, wide = points - points[0], float(np.ptp(points, axis=0).max()) + REACH
-    net = Delaunay(np.concatenate([own, wide * np.array([[-4.0, -3.0], [4.0, -3.1], [0.1, 5.0]])]))
-    # A point on another is in no triangle, but coplanar: beside that one.
-    links = np.concatenate([*(net.simplices[:, [k, k - 1]] for k in range(3)), net.coplanar[:, [0, 2]]])
-    links = links[(links < n).all(axis=1)]
-    return _linked(n, links[np.hypot(*(own[links[:, 0]] - own[links[:, 1]]).T) <= REACH])
+    tree = cKDTree(points)
+    if tree.count_neighbors(tree, reach) <= MANY * n:
+        links = tree.query_pairs(reach, output_type="ndarray")
+    else:
+        # With three points far away there are triangles also where all others lie on a line.
+        own, wide = points - points[0], float(np.ptp(points, axis=0).max()) + reach
+        net = Delaunay(np.concatenate([own, wide * np.array([[-4.0, -3.0], [4.0, -3.1], [0.1, 5.0]])]))
+        # A point on another is in no triangle, but coplanar: beside that one.
+        links = np.concatenate([*(net.simplices[:, [k, k - 1]] for k in range(3)), net.coplanar[:, [0, 2]]])
+        links = links[(links < n).all(axis=1)]
+        links = links[np.hypot(*(own[links[:, 0]] - own[links[:, 1]]).T) <= reach]
+    graph = coo_matrix((np.ones(len(links)), links.T), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def clusters(stands: Stands, min_visits: int = MIN_VISITS, loads: bool = False) -> Ints:
     """(N,) place of every stand, from west to east, -1: under ``min_visits``; see :func:`joined`. With
     ``loads`` one stand is enough where a load changed; such places come last."""
+    import pandas as pd
     from scipy.spatial import cKDTree
 
-    at = np.column_stack([stands.x, stands.y])
-    number = np.full(len(at), -1)
-    if not len(at):
-        return number
-    firm = cKDTree(at).query_ball_point(at, CLOSE, return_length=True) >= max(2, min_visits // 2)
-    if firm.any():
-        gap, nearest = cKDTree(at[firm]).query(at)
-        number = np.where(gap <= REACH, joined(at[firm])[nearest], -1)
-    names, code, visits = np.unique(number, return_inverse=True, return_counts=True)
-    kept = np.flatnonzero((names >= 0) & (visits >= min_visits)).tolist()
-    centre = {k: (np.median(stands.x[code == k]), np.median(stands.y[code == k])) for k in kept}
-    place = np.full(len(names), -1, dtype=np.int64)
-    place[sorted(kept, key=lambda k: (*centre[k], k))] = np.arange(len(kept))
-    out = place[code]
+    at, number = np.column_stack([stands.x, stands.y]), np.full(len(stands), -1)
+    if len(at):
+        firm = cKDTree(at).query_ball_point(at, CLOSE, return_length=True) >= max(2, min_visits // 2)
+        if firm.any():
+            gap, nearest = cKDTree(at[firm]).query(at)
+            number = np.where(gap <= REACH, joined(at[firm])[nearest], -1)
+    places = pd.DataFrame(at, columns=["x", "y"]).assign(label=number)[number >= 0].groupby("label")
+    middle = places.median()[places.size() >= min_visits]
+    out = middle.sort_values(["x", "y"], kind="stable").index.get_indexer(pd.Index(number))
     lone = np.flatnonzero((out < 0) & (np.abs(stands.after - stands.before) > MIN_LOAD_CHANGE) & loads)
-    out[lone] = len(kept) + joined(at[lone])
-    return out
+    out[lone] = len(middle) + joined(at[lone])
+    return np.asarray(out, dtype=np.int64)
 
 
 def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     """One row a place: id, kind, x, y, spread [m], visits, vehicles, dwell [s], shares of visits."""
     import pandas as pd
 
-    rows, counts = [], Counter[str]()
-    for k in range(int(cluster.max(initial=-1)) + 1):
-        mine = cluster == k
-        change, dwell = stands.after[mine] - stands.before[mine], stands.dwell[mine]
-        shares = change > MIN_LOAD_CHANGE, change < -MIN_LOAD_CHANGE, stands.charged[mine] > MIN_CHARGE
-        picks, drops, charges = (float(np.mean(share)) for share in shares)
-        # Where the log has neither loads nor charge, a place is one to park.
-        works: PlaceKind = "park" if picks + drops <= MAJORITY else "pick" if picks >= drops else "drop"
-        kind: PlaceKind = "charge" if charges > MAJORITY else works
-        counts[kind] += 1
-        x, y = float(np.median(stands.x[mine])), float(np.median(stands.y[mine]))
-        spread = float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y)))
-        rows.append((
-            f"{kind}-{counts[kind]}", kind, x, y, spread, int(mine.sum()),
-            len(np.unique(stands.vehicle[mine])), float(np.median(dwell)), float(dwell.sum()),
-            picks, drops, charges,
-        ))  # fmt: skip
-    names = "place kind x y spread visits vehicles dwell_median dwell_total picks drops charges"
-    return pd.DataFrame(rows, columns=names.split())
+    change, here = stands.after - stands.before, cluster >= 0
+    t = pd.DataFrame({
+        "x": stands.x, "y": stands.y, "vehicle": stands.vehicle, "dwell": stands.dwell,
+        "pick": change > MIN_LOAD_CHANGE, "drop": change < -MIN_LOAD_CHANGE,
+        "charge": stands.charged > MIN_CHARGE,
+    })[here]  # fmt: skip
+    middle = t[["x", "y"]].groupby(cluster[here]).transform("median")
+    of = t.assign(spread=np.hypot(t.x - middle.x, t.y - middle.y)).groupby(cluster[here])
+    out = of[["x", "y", "spread"]].median().assign(
+        visits=of.size(), vehicles=of.vehicle.nunique(), dwell_median=of.dwell.median(),
+        dwell_total=of.dwell.sum(), picks=of.pick.mean(), drops=of["drop"].mean(), charges=of.charge.mean(),
+    )  # fmt: skip
+    # Where the log has neither loads nor charge, a place is one to park.
+    works = np.where(out.picks >= out.drops, "pick", "drop")
+    kinds = [out.charges > MAJORITY, out.picks + out.drops <= MAJORITY]
+    out.insert(0, "kind", np.select(kinds, ["charge", "park"], works))
+    number = out.groupby("kind").cumcount() + 1
+    out.insert(0, "place", out.kind + "-" + number.astype(str))
+    return out.reset_index(drop=True)
 
 
 def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:

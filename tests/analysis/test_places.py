@@ -48,6 +48,7 @@ def test_points_are_joined_as_by_single_linkage(kind: str, seed: int, spread: fl
         points = points[rng.integers(0, n, n)] + 1e5
     elif kind == "far apart":
         points = np.concatenate([points + 5e4 * k for k in (-1, 0, 1)])
+    points = np.repeat(points, int(rng.choice([1, 40])), axis=0)
     within = fcluster(linkage(points, "single"), REACH * (1.0 + 1e-9), "distance")
     assert same(joined(points), within)
 
