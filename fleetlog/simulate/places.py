@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,8 @@ REACH = 2.0  # Stands so far apart, or over others between them, belong to one p
 MANY = 30  # With more neighbours than this a point, pairs are not listed
 CLOSE = 1.0  # Others so near make a stand firm: a lone one between two places does not join them [m]
 MOVED, MOTION = 1.5, 50  # Motion before and after a stop is that of so many metres, within so many rows
+ENDS = ("begins", "ends")  # Whether a day begins, and whether it ends, with a standstill
+MERGED = dict(end="last", after="last", out="last", x="median", y="median", charged="sum", height="max")
 MIN_VISITS = 3  # A place was visited this often at least
 MIN_CHARGE = 0.005  # A state of charge that rises by more than this at a stand was charged
 KNOWN = 6.0  # A mined place this close to one of the site is that one [m]
@@ -63,27 +65,21 @@ class Stands:
 
 def find_stands(dataset: Dataset) -> Stands:
     """All standstills of a dataset; one pass over its rows."""
+    import pandas as pd
+
     code = {v: float(i) for i, v in enumerate(dataset.vehicles)}
     days = each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
     found = [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]
     if not found:
         raise DataError("the dataset has no rows", where=dataset.path)
-    table = np.concatenate(found)
-    # A truck that stands at midnight stands once, where it stood longer.
-    first, second = table[:-1], table[1:]
-    on = (first[:, 0] == second[:, 0]) & (second[:, 1] - first[:, 2] <= MAX_GAP * 1e6)
-    on &= (first[:, 12] > 0.0) & (second[:, 11] > 0.0)
-    for k in np.flatnonzero(on)[::-1]:
-        one, two = table[k], table[k + 1]
-        if two[2] - two[1] > one[2] - one[1]:
-            one[3:5] = two[3:5]
-        one[7:9] = one[7] + two[7], max(one[8], two[8])
-        one[[2, 6, 10, 12]] = two[[2, 6, 10, 12]]
-    table = table[~np.append(np.zeros(1, bool), on)[: len(table)]]
-    lasts, load = (table[:, 2] - table[:, 1]) * 1e-6, np.abs(table[:, 6] - table[:, 5])
-    table = table[(lasts >= MIN_DWELL) | (load > MIN_LOAD_CHANGE)]
-    ints = table[:, :3].astype(np.int64)
-    return Stands(ints[:, 0], ints[:, 1], ints[:, 2], *table[:, 3:11].T)
+    t = pd.DataFrame(np.concatenate(found), columns=[*(names := [f.name for f in fields(Stands)]), *ENDS])
+    # A truck that stands at midnight stands once.
+    on = (t.vehicle.diff() == 0.0) & (t.start - t.end.shift() <= MAX_GAP * 1e6)
+    on &= (t.begins > 0.0) & (t.ends.shift() > 0.0)
+    t = t.groupby((~on).cumsum()).agg({**dict.fromkeys(names, "first"), **MERGED})
+    lasts = (t.end - t.start) * 1e-6 >= MIN_DWELL
+    t = t[lasts | ((t.after - t.before).abs() > MIN_LOAD_CHANGE)]
+    return Stands(*(t[k].to_numpy(np.int64) for k in names[:3]), *(t[k].to_numpy(float) for k in names[3:]))
 
 
 def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
