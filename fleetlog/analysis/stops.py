@@ -37,7 +37,7 @@ def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whol
     loads = pd.DataFrame([(t.source, t.target, t.payload) for t in tasks], columns=["from", "to", "payload"])
     of = loads.groupby(["from", "to"], as_index=False)
     flows = of.agg(loads=("payload", "size"), payload_mean=("payload", "mean"))
-    weighed = bool(dataset.trips.get("payload", pd.Series(dtype=float)).notna().any())
+    weighed = any(day.has("payload") for day in dataset.days(("payload",)))
     kinds = {k: int((table.kind == k).sum()) for k in KINDS}
     summary = {
         "stops": len(stands), "in_places": int((cluster >= 0).sum()), "places": len(table), "kinds": kinds,

@@ -69,7 +69,8 @@ def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
     way, count = np.unique(np.hstack(ends), axis=0, return_counts=True)
     real = (way[:, :2] != way[:, 2:]).any(axis=1) & np.isfinite(way).all(axis=1)
     most = np.flatnonzero(real)[np.argsort(-count[real], kind="stable")][:MOST_FLOWS]
-    return Flows("trips between places", way[most, :2], way[most, 2:], count[most].astype(float), "trips")
+    weight, pairs = count[most].astype(float), int(real.sum())
+    return Flows("trips between places", way[most, :2], way[most, 2:], weight, "trips", pairs)
 
 
 def _lines(s: dict[str, Any], pairs: pd.DataFrame, shortest: float) -> list[str]:

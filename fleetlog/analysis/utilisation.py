@@ -42,7 +42,7 @@ OF_ACTIVITY = {
 }  # fmt: skip
 REACH, REACH_WITHOUT_FORKS = 10.0, 30.0
 """Handling lasts this long before and after a movement of the forks or a change of the load at most [s]."""
-FORKS = 0.05  # The forks move when their height changes by more than this [m]
+FORKS = 0.05  # The forks move when their height changes by more than this in a second [m]
 PATIENCE, PATIENCE_WITHOUT_LOAD = 180.0, 60.0
 """A truck that stands without a load for longer is idle, also where the log has no loads [s]."""
 CHARGER, SHORTEST_CHARGE = 100.0, 20.0
@@ -197,8 +197,11 @@ def silences(t: Trajectory) -> Mask:
 
 def _handling(t: Trajectory, still: Mask, load: Floats) -> Mask:
     """Rows near a change of the load or the forks at a standstill."""
-    changes = np.abs(np.diff(load, prepend=load[:1])) > MIN_LOAD_CHANGE
-    changes |= np.abs(np.diff(t.floats("fork_height"), prepend=np.nan)) > FORKS
+    # Against the last row that is a second old: from one to the next of ten a second hardly anything changes.
+    before = np.maximum(np.searchsorted(t.time, t.time - 1_000_000, side="right") - 1, 0)
+    changes = np.abs(load - load[before]) > MIN_LOAD_CHANGE
+    height = t.floats("fork_height")
+    changes |= np.abs(height - height[before]) > FORKS
     # A change shows in the first row after it: that of a truck that has set off again counts, too.
     if not len(at := t.time[changes & (still | np.roll(still, 1))]):
         return np.zeros(len(t), dtype=bool)

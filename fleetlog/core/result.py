@@ -63,13 +63,15 @@ class Marks:
 
 @dataclass(frozen=True)
 class Flows:
-    """Arrows over the floor, from ``start`` to ``end`` ((N, 2) m), the wider the greater ``weight`` (N,)."""
+    """Arrows over the floor, from ``start`` to ``end`` ((N, 2) m), the wider the greater ``weight`` (N,): the
+    greatest of ``of`` pairs, where those are more."""
 
     name: str
     start: Floats
     end: Floats
     weight: Floats
     label: str
+    of: int = 0
 
 
 @dataclass(frozen=True)

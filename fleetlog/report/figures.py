@@ -1,5 +1,6 @@
 """The key figures: each a sum over the ledger, or a ratio of two; of two datasets beside one another."""
 
+import math
 import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.words import percent
 from fleetlog.report.content import Table, number
 from fleetlog.report.facts import Facts
@@ -27,6 +28,7 @@ class Figure:
     under: str | None = None
     factor: float = 1.0
     title: bool = False
+    untold: str | None = None  # A column of time of which the log does not say whether it belongs here
 
     @property
     def money(self) -> bool:
@@ -76,24 +78,43 @@ class Difference:
 
 
 def compare(a: pd.DataFrame, b: pd.DataFrame, figure: Figure, seed: int = 0) -> Difference | None:
-    """Compare a ratio of two tables of truck days, exchangeable if nothing changed; None: too few to tell."""
+    """Compare a ratio of two tables of truck days, exchangeable if nothing changed but their length; None:
+    too few to tell, or untold."""
     if figure.under is None or not all({figure.top, figure.under} <= set(t) for t in (a, b)):
         return None
     sums = [t.loc[t[figure.under] > 0.0, [figure.top, figure.under]].to_numpy(float) for t in (a, b)]
     counts = len(sums[0]), len(sums[1])
-    if min(counts) < FEWEST:
+    if min(counts) < FEWEST or any(t[figure.untold].any() for t in (a, b) if figure.untold in t):
         return None
     rng = np.random.default_rng(seed)
     pool = np.concatenate(sums)
-    one = pool[np.argsort(rng.random((DRAWS, len(pool))), axis=1)[:, : counts[0]]].sum(axis=1)
-    null = _ratio(pool.sum(axis=0) - one) - _ratio(one)
-    seen = float(_ratio(sums[1].sum(axis=0)) - _ratio(sums[0].sum(axis=0)))
+    mixed = np.argsort(rng.random((DRAWS, len(pool))), axis=1)[:, : counts[0]]
+    seen, null = (_studentised(pool, units) for units in (np.arange(counts[0])[None], mixed))
     # One truck that alone does something is in either half: differences that nearly reach the one seen count.
-    p_value = (1.0 + float((np.abs(null) >= 0.99 * abs(seen)).sum())) / (1.0 + DRAWS)
+    chance = (1.0 + float((null >= 0.99 * seen).sum())) / (1.0 + DRAWS)
+    # Of events of a few trucks all halves differ about alike, and that seen may be first by a hair.
+    p_value = max(chance, math.erfc(seen[0] / math.sqrt(2.0)))
     drawn = [_ratio(s[rng.integers(0, len(s), (DRAWS, len(s)))].sum(axis=1)) for s in sums]
     low, high = np.quantile(drawn[1] - drawn[0], [0.025, 0.975])
-    f = figure.factor
-    return Difference(f * seen, f * float(low), f * float(high), p_value, counts)
+    f, difference = figure.factor, float(_ratio(sums[1].sum(axis=0)) - _ratio(sums[0].sum(axis=0)))
+    return Difference(f * difference, f * float(low), f * float(high), p_value, counts)
+
+
+def _studentised(pool: Floats, units: Ints) -> Floats:
+    """(D,) how far the ratio of ``units`` (D, n) is from that of the others, over the difference's error.
+
+    Truck days of unequal length are not exchangeable as they are: a studentised difference keeps its level
+    (Janssen 1997, Chung and Romano 2013).  The error is that of no difference: the squares of what each day
+    has beyond the common ratio; of a half no less than its share of all, as rare events may all miss it."""
+    ratio, n = float(_ratio(pool.sum(axis=0))), len(pool)
+    excess = pool[:, 0] - ratio * pool[:, 1]
+    each = np.column_stack([excess, pool[:, 1], excess**2 * n / (n - 1)])
+    total, one = each.sum(axis=0), each[units].sum(axis=1)
+    (d, under, squares), (other, rest, others) = one.T, (total - one).T
+    share = total[2] / total[1]
+    error = np.maximum(squares / under, share) / under + np.maximum(others / rest, share) / rest
+    rounding = (1e-9 * ratio) ** 2 + 1e-300
+    return np.asarray(np.abs(d / under - other / rest) / np.sqrt(np.maximum(error, rounding)))
 
 
 def _ratio(sums: Floats) -> Floats:

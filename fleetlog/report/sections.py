@@ -256,7 +256,8 @@ def answers(f: Facts) -> list[str]:
     def of(name: str) -> str:
         return BY_NAME[name].shown(values[name])
 
-    doing = {"driving": "drove", "handling": "handled loads", "waiting": "waited", "charging": "charged",
+    doing = {"driving": "drove", "handling": "handled loads", "waiting": "waited",
+             "standing": "handled or waited (the log does not tell which)", "charging": "charged",
              "idle": "were idle for"}  # fmt: skip
     known = {verb: values[f"{name}_share"] for name, verb in doing.items()}
     said = [f"{verb} {v:.0f} %" for verb, v in known.items() if v >= 0.5]
@@ -284,7 +285,8 @@ def answers(f: Facts) -> list[str]:
 
 def local_span(f: Facts) -> str:
     """First and last time of a dataset in the site's hours."""
-    start, end = (pd.Timestamp(f.dataset.meta[k]).tz_convert(f.zone) for k in ("start", "end"))
-    start, end = start.round("min"), end.round("min")
+    # Rounded while they are UTC: in autumn the wall has an hour twice.
+    times = (pd.Timestamp(f.dataset.meta[k]).round("min") for k in ("start", "end"))
+    start, end = (time.tz_convert(f.zone) for time in times)
     last = f"{end:%H:%M}" if start.date() == end.date() else f"{end:%d %b %Y %H:%M}"
     return f"{start:%d %b %Y %H:%M} to {last} ({f.zone.replace('_', ' ')})"

@@ -15,7 +15,7 @@ from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.motion.legs import Leg, SpeedProfile
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.junctions import half_box
-from fleetlog.simulate.places import touching
+from fleetlog.simulate.places import joined
 from fleetlog.simulate.retrace import Trip, VehicleReplay
 from fleetlog.simulate.track import lane_shift
 from fleetlog.store.dataset import Dataset
@@ -139,7 +139,7 @@ def _gates(n: pd.DataFrame, half: tuple[float, float]) -> pd.DataFrame:
     pairs, truck, trip = _met(n, half), n.truck.to_numpy(), n.trip.to_numpy()
     # Nodes of different trips are never neighbours.
     cells, cell = np.unique((pairs + 3 * CLOSE * trip[pairs]) // CLOSE, axis=0, return_inverse=True)
-    meeting = touching(cells)[cell.ravel()]
+    meeting = joined(cells, 1.5)[cell.ravel()]
     parts = []
     for side in (0, 1):
         rows = pd.DataFrame({"at": pairs[:, side], "meeting": meeting, "node": pairs[:, 1 - side]})

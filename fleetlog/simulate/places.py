@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints
-from fleetlog.core.site import Place, PlaceKind, Site
+from fleetlog.core.site import Place, Site
 from fleetlog.errors import DataError
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
@@ -21,8 +20,12 @@ if TYPE_CHECKING:
 
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
 MIN_DWELL = 8.0  # A shorter standstill is a wait on the way, unless the load changes [s]
-CELL = 2.0  # Stands in the same or in touching cells of this size belong to one place [m]
+REACH = 2.0  # Stands so far apart, or over others between them, belong to one place [m]
+MANY = 30  # With more neighbours than this a point, pairs are not listed
+CLOSE = 1.0  # Others so near make a stand firm: a lone one between two places does not join them [m]
 MOVED, MOTION = 1.5, 50  # Motion before and after a stop is that of so many metres, within so many rows
+ENDS = ("begins", "ends")  # Whether a day begins, and whether it ends, with a standstill
+MERGED = dict(end="last", after="last", out="last", x="median", y="median", charged="sum", height="max")
 MIN_VISITS = 3  # A place was visited this often at least
 MIN_CHARGE = 0.005  # A state of charge that rises by more than this at a stand was charged
 KNOWN = 6.0  # A mined place this close to one of the site is that one [m]
@@ -62,18 +65,26 @@ class Stands:
 
 def find_stands(dataset: Dataset) -> Stands:
     """All standstills of a dataset; one pass over its rows."""
+    import pandas as pd
+
     code = {v: float(i) for i, v in enumerate(dataset.vehicles)}
     days = each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
     found = [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]
     if not found:
         raise DataError("the dataset has no rows", where=dataset.path)
-    table = np.concatenate(found)
-    ints = table[:, :3].astype(np.int64)
-    return Stands(ints[:, 0], ints[:, 1], ints[:, 2], *table[:, 3:].T)
+    t = pd.DataFrame(np.concatenate(found), columns=[*(names := [f.name for f in fields(Stands)]), *ENDS])
+    # A truck that stands at midnight stands once.
+    on = (t.vehicle.diff() == 0.0) & (t.start - t.end.shift() <= MAX_GAP * 1e6)
+    on &= (t.begins > 0.0) & (t.ends.shift() > 0.0)
+    t = t.groupby((~on).cumsum()).agg({**dict.fromkeys(names, "first"), **MERGED})
+    lasts = (t.end - t.start) * 1e-6 >= MIN_DWELL
+    t = t[lasts | ((t.after - t.before).abs() > MIN_LOAD_CHANGE)]
+    return Stands(*(t[k].to_numpy(np.int64) for k in names[:3]), *(t[k].to_numpy(float) for k in names[3:]))
 
 
 def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
-    """The truck, and its (n, 10) standstills on one day."""
+    """The truck, and its (n, 12) standstills on one day, in the order of :class:`Stands`; last, whether the
+    day begins, and whether it ends, with it: then however short."""
     t = dataset.read(vehicle, date, COLUMNS)
     gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
     load, height = np.nan_to_num(t.floats("payload")), np.nan_to_num(t.floats("fork_height"))
@@ -81,16 +92,16 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
     out = []
     for a, b in runs(np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED):
         first, last = max(a - 1, 0), min(b, len(t) - 1)
-        changes = abs(load[last] - load[first]) > MIN_LOAD_CHANGE
-        if gap[a + 1 : b].any() or ((t.time[b - 1] - t.time[a]) * 1e-6 < MIN_DWELL and not changes):
+        counts = abs(load[last] - load[first]) > MIN_LOAD_CHANGE or a == 0 or b == len(t)
+        if gap[a + 1 : b].any() or ((t.time[b - 1] - t.time[a]) * 1e-6 < MIN_DWELL and not counts):
             continue
         at = np.nanmedian(x[a:b]), np.nanmedian(y[a:b])
         rise = np.nan_to_num(soc[b - 1] - soc[a])
         row = (t.time[a], t.time[b - 1], *at, load[first], load[last], rise, height[a:b].max())
         before, after = slice(max(a - MOTION, 0), a), slice(b, b + MOTION)
         into = _direction(x[before][::-1], y[before][::-1]) + np.pi
-        out.append((*row, into, _direction(x[after], y[after])))
-    return vehicle, np.array(out, dtype=np.float64).reshape(-1, 10)
+        out.append((*row, into, _direction(x[after], y[after]), a == 0, b == len(t)))
+    return vehicle, np.array(out, dtype=np.float64).reshape(-1, 12)
 
 
 def _direction(x: Floats, y: Floats) -> float:
@@ -99,61 +110,73 @@ def _direction(x: Floats, y: Floats) -> float:
     return float(np.arctan2(y[far[0]] - y[0], x[far[0]] - x[0])) if len(far) else float("nan")
 
 
-def touching(cells: NDArray[Any]) -> Ints:
-    """(N,) label of each of (N, 2) cells: those that touch, also at a corner, have the same."""
+def joined(points: NDArray[Any], reach: float = REACH) -> Ints:
+    """(N,) label of each of (N, 2) points: those within ``reach``, directly or over others, have the same.
+    Where pairs are many, Delaunay's triangles are few, and hold the shortest tree over all points."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+    from scipy.spatial import Delaunay, cKDTree
 
-    a, b = (cKDTree(cells).query_pairs(1.5, output_type="ndarray") if len(cells) else np.zeros((0, 2), int)).T
-    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
+    if not (n := len(points)):
+        return np.zeros(0, np.int64)
+    tree = cKDTree(points)
+    if tree.count_neighbors(tree, reach) <= MANY * n:
+        links = tree.query_pairs(reach, output_type="ndarray")
+    else:
+        # With three points far away there are triangles also where all others lie on a line.
+        own, wide = points - points[0], float(np.ptp(points, axis=0).max()) + reach
+        net = Delaunay(np.concatenate([own, wide * np.array([[-4.0, -3.0], [4.0, -3.1], [0.1, 5.0]])]))
+        # A point on another is in no triangle, but coplanar: beside that one.
+        links = np.concatenate([*(net.simplices[:, [k, k - 1]] for k in range(3)), net.coplanar[:, [0, 2]]])
+        links = links[(links < n).all(axis=1)]
+        links = links[np.hypot(*(own[links[:, 0]] - own[links[:, 1]]).T) <= reach]
+    graph = coo_matrix((np.ones(len(links)), links.T), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def clusters(stands: Stands, min_visits: int = MIN_VISITS, loads: bool = False) -> Ints:
-    """(N,) place of every stand, from west to east, -1: under ``min_visits``; cells that touch are one. With
+    """(N,) place of every stand, from west to east, -1: under ``min_visits``; see :func:`joined`. With
     ``loads`` one stand is enough where a load changed; such places come last."""
-    cell = np.floor(np.column_stack([stands.x, stands.y]) / CELL)
-    cells, of, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
-    of = of.ravel()
-    # A lone stand between two places must not join them.
-    firm = count >= max(2, min_visits // 2)
-    label = np.full(len(cells), -1)
-    label[firm] = touching(cells[firm])
-    names, code, visits = np.unique(label[of], return_inverse=True, return_counts=True)
-    kept = np.flatnonzero((names >= 0) & (visits >= min_visits)).tolist()
-    centre = {k: (np.median(stands.x[code == k]), np.median(stands.y[code == k])) for k in kept}
-    number = np.full(len(names), -1, dtype=np.int64)
-    number[sorted(kept, key=lambda k: (*centre[k], k))] = np.arange(len(kept))
-    out = number[code]
+    import pandas as pd
+    from scipy.spatial import cKDTree
+
+    at, number = np.column_stack([stands.x, stands.y]), np.full(len(stands), -1)
+    if len(at):
+        firm = cKDTree(at).query_ball_point(at, CLOSE, return_length=True) >= max(2, min_visits // 2)
+        if firm.any():
+            gap, nearest = cKDTree(at[firm]).query(at)
+            number = np.where(gap <= REACH, joined(at[firm])[nearest], -1)
+    places = pd.DataFrame(at, columns=["x", "y"]).assign(label=number)[number >= 0].groupby("label")
+    middle = places.median()[places.size() >= min_visits]
+    out = middle.sort_values(["x", "y"], kind="stable").index.get_indexer(pd.Index(number))
     lone = np.flatnonzero((out < 0) & (np.abs(stands.after - stands.before) > MIN_LOAD_CHANGE) & loads)
-    out[lone] = len(kept) + touching(cells[of[lone]])
-    return np.asarray(out)
+    out[lone] = len(middle) + joined(at[lone])
+    return np.asarray(out, dtype=np.int64)
 
 
 def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     """One row a place: id, kind, x, y, spread [m], visits, vehicles, dwell [s], shares of visits."""
     import pandas as pd
 
-    rows, counts = [], Counter[str]()
-    for k in range(int(cluster.max(initial=-1)) + 1):
-        mine = cluster == k
-        change, dwell = stands.after[mine] - stands.before[mine], stands.dwell[mine]
-        shares = change > MIN_LOAD_CHANGE, change < -MIN_LOAD_CHANGE, stands.charged[mine] > MIN_CHARGE
-        picks, drops, charges = (float(np.mean(share)) for share in shares)
-        # Where the log has neither loads nor charge, a place is one to park.
-        works: PlaceKind = "park" if picks + drops <= MAJORITY else "pick" if picks >= drops else "drop"
-        kind: PlaceKind = "charge" if charges > MAJORITY else works
-        counts[kind] += 1
-        x, y = float(np.median(stands.x[mine])), float(np.median(stands.y[mine]))
-        spread = float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y)))
-        rows.append((
-            f"{kind}-{counts[kind]}", kind, x, y, spread, int(mine.sum()),
-            len(np.unique(stands.vehicle[mine])), float(np.median(dwell)), float(dwell.sum()),
-            picks, drops, charges,
-        ))  # fmt: skip
-    names = "place kind x y spread visits vehicles dwell_median dwell_total picks drops charges"
-    return pd.DataFrame(rows, columns=names.split())
+    change, here = stands.after - stands.before, cluster >= 0
+    t = pd.DataFrame({
+        "x": stands.x, "y": stands.y, "vehicle": stands.vehicle, "dwell": stands.dwell,
+        "pick": change > MIN_LOAD_CHANGE, "drop": change < -MIN_LOAD_CHANGE,
+        "charge": stands.charged > MIN_CHARGE,
+    })[here]  # fmt: skip
+    middle = t[["x", "y"]].groupby(cluster[here]).transform("median")
+    of = t.assign(spread=np.hypot(t.x - middle.x, t.y - middle.y)).groupby(cluster[here])
+    out = of[["x", "y", "spread"]].median().assign(
+        visits=of.size(), vehicles=of.vehicle.nunique(), dwell_median=of.dwell.median(),
+        dwell_total=of.dwell.sum(), picks=of.pick.mean(), drops=of["drop"].mean(), charges=of.charge.mean(),
+    )  # fmt: skip
+    # Where the log has neither loads nor charge, a place is one to park.
+    works = np.where(out.picks >= out.drops, "pick", "drop")
+    kinds = [out.charges > MAJORITY, out.picks + out.drops <= MAJORITY]
+    out.insert(0, "kind", np.select(kinds, ["charge", "park"], works))
+    number = out.groupby("kind").cumcount() + 1
+    out.insert(0, "place", out.kind + "-" + number.astype(str))
+    return out.reset_index(drop=True)
 
 
 def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:

@@ -112,7 +112,8 @@ def _draw_flows(axes: Axes, flows: Flows) -> None:
             alpha=0.35 + 0.5 * float(share[k]), shrinkA=2.0, shrinkB=3.0, zorder=2.6,
         ))  # fmt: skip
     if len(share):
-        _note(axes, f"widest arrow: {flows.weight.max():.0f} {flows.label}")
+        rest = f"; the {len(share)} busiest of {flows.of:,} pairs" if flows.of > len(share) else ""
+        _note(axes, f"widest arrow: {flows.weight.max():.0f} {flows.label}{rest}")
 
 
 def _note(axes: Axes, text: str) -> None:

@@ -33,6 +33,27 @@ def test_every_method_gives_at_most_k(fleet, method, variant):
     assert 1 <= len(r.places["sites"]) <= 4 and np.isclose(r.places["sites"].served_share.sum(), 1)
 
 
+@pytest.mark.parametrize("method", ["spaced", "topk", "cover", "pmedian"])
+def test_a_charger_that_nobody_would_use_is_not_advised(tmp_path, method):
+    """One truck waits for its charge at one end of the site alone, and drives everywhere."""
+    from fleetlog.store import Dataset, DatasetWriter
+
+    from .conftest import grid_site, walk
+
+    site = grid_site()
+    truck = walk(site.roads(), 1, 1800)
+    alone = truck.with_columns(soc=np.where(truck.floats("x") < 15.0, 0.2, 0.9))
+    with DatasetWriter.create(tmp_path / "d", "recorded", site) as w:
+        w.write(alone)
+    r = chargers(Dataset(tmp_path / "d"), k=12, method=method, spacing=15.0)
+    sites = r.places["sites"]
+    assert r.summary["demand"] == "urgency" and (sites.served_share > 0.0).all() and len(sites) < 12
+    told = r.summary["notices"][-1:]
+    assert method == "cover" or told == [
+        f"all demand is served by {len(sites)} of 12 sites; the others would stand idle"
+    ]
+
+
 def test_forced_and_forbidden(fleet):
     free = next(s for s in chargers(fleet, k=2).summary["sites"] if s != "n00")
     s = chargers(fleet, k=2, force=("charger-1",), forbid=(free,)).summary["sites"]

@@ -37,6 +37,24 @@ def test_heatmap_by_vehicle_writes_a_raster_each(fleet, tmp_path):
     )
 
 
+def test_a_picture_of_the_busiest_flows_says_of_how_many():
+    from matplotlib.figure import Figure
+
+    from fleetlog.core.result import Flows
+    from fleetlog.view.floorplan import draw_overlay
+
+    at = np.array([[0.0, 0.0], [9.0, 9.0]])
+    for pairs, told in (
+        (87, "widest arrow: 7 trips; the 2 busiest of 87 pairs"),
+        (2, "widest arrow: 7 trips"),
+    ):
+        axes = Figure().add_subplot()
+        draw_overlay(
+            axes, Result("r", {}, shapes=[Flows("f", at, at[::-1], np.array([7.0, 2.0]), "trips", pairs)])
+        )
+        assert [t.get_text() for t in axes.texts] == [told]
+
+
 def test_marks_are_drawn_on_every_map(fleet):
     from matplotlib.figure import Figure
 

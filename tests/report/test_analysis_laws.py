@@ -82,6 +82,19 @@ def test_a_truck_waits_before_it_takes_a_load_up_and_is_idle_after_it_has_set_on
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("rate", [20, 10, 5, 1])
+def test_a_lift_is_handling_however_often_the_log_has_rows(rate: int) -> None:
+    """The forks rise at 0.38 m/s for 5 s: 2 cm from row to row at 20 Hz."""
+    t = np.arange(0.0, 100.0, 1.0 / rate)
+    lift = np.clip(t - 50.0, 0.0, 5.0)
+    moves = np.where((t < 45.0) | (t >= 65.0), 2.0, 0.0)
+    for channel in ({"fork_height": 0.1 + 0.38 * lift}, {"payload": 100.0 * lift}):
+        truck = rows("T1", t, x=0.0, y=0.0, heading=0.0, speed=moves, **channel)
+        found = intervals(truck)
+        lasts = (found.end - found.start).dt.total_seconds().groupby(found.state).sum()
+        assert lasts["handling"] == pytest.approx(20.0, abs=1.1)
+
+
 def test_a_truck_without_load_and_forks_is_not_said_to_handle_or_to_wait() -> None:
     truck = rows(
         "T1", np.arange(100), speed=np.repeat([2.0, 0.0, 2.0], [40, 20, 40]), x=0.0, y=0.0, heading=0.0

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from click import ClickException
 from click.testing import CliRunner
-from drawn_trucks import crossing, random_truck, rows, straight
+from drawn_trucks import T0, crossing, random_truck, rows, straight
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -105,7 +105,46 @@ def units(rng: np.random.Generator, n: int, level: float) -> pd.DataFrame:
 def test_chance_alone_is_called_significant_as_often_as_it_says() -> None:
     rng, figure = np.random.default_rng(1), BY_NAME["tasks_per_hour"]
     p = np.array([compare(units(rng, 8, 10), units(rng, 8, 10), figure).p_value for _ in range(400)])
-    assert 0.02 < (p < 0.05).mean() < 0.085 and 0.4 < p.mean() < 0.6
+    assert 0.01 < (p < 0.05).mean() < 0.085 and 0.4 < p.mean() < 0.6
+
+
+DRAWN = {
+    "near misses": lambda rng, h, n, more: rng.poisson(0.4 * more * h, n),
+    "clumped near misses": lambda rng, h, n, more: rng.poisson(0.4 * more * h * rng.gamma(1.0, 1.0, n)),
+    "a charge now and then": lambda rng, h, n, more: rng.poisson(0.15 * more * h, n) / 6.0,
+    "a share": lambda rng, h, n, more: rng.normal(0.6 * more, 0.08, n) * h,
+}
+
+
+def drawn(kind: str, rng: np.random.Generator, hours: float, n: int, more: float = 1.0) -> pd.DataFrame:
+    """Truck days of equal length."""
+    return pd.DataFrame({"charging_h": DRAWN[kind](rng, hours, n, more), "hours": np.full(n, hours)})
+
+
+@pytest.mark.parametrize("kind", DRAWN)
+@pytest.mark.parametrize("hours", [(1.0, 1.0), (0.5, 1.0), (0.5, 2.0), (1.0, 8.0)])
+@pytest.mark.parametrize("count", [(8, 8), (4, 30)])
+def test_logs_of_unequal_length_differ_by_chance_as_often_as_any(kind: str, hours, count) -> None:
+    rng, figure = np.random.default_rng(1), BY_NAME["charging_share"]
+    sides = [[drawn(kind, rng, h, n) for h, n in zip(hours, count, strict=True)] for _ in range(300)]
+    assert np.mean([compare(*side, figure).p_value < 0.05 for side in sides]) <= 0.085
+
+
+@pytest.mark.parametrize(
+    "kind, more", [("near misses", 2.5), ("a charge now and then", 4.0), ("a share", 1.15)]
+)
+@pytest.mark.parametrize("hours", [(1.0, 1.0), (1.0, 2.0)])
+def test_a_real_difference_of_logs_of_unequal_length_is_found(kind: str, more: float, hours) -> None:
+    rng, figure = np.random.default_rng(3), BY_NAME["charging_share"]
+    sides = [(drawn(kind, rng, hours[0], 60), drawn(kind, rng, hours[1], 60, more)) for _ in range(100)]
+    assert np.mean([compare(*side, figure).p_value < 0.01 for side in sides]) > 0.8
+
+
+def test_what_some_trucks_do_not_tell_is_not_compared() -> None:
+    told = pd.DataFrame({"handling_h": np.linspace(0.2, 0.3, 8), "standing_h": 0.0, "hours": 1.0})
+    untold = told.assign(handling_h=0.0, standing_h=0.3)
+    figure = BY_NAME["handling_share"]
+    assert compare(told, told * 1.5, figure) is not None and compare(told, untold, figure) is None
 
 
 def test_a_real_difference_is_found_and_its_interval_holds_it() -> None:
@@ -148,6 +187,34 @@ def test_truck_days_are_days_of_the_site(write) -> None:
     d = write([straight("A", (0, 0), (1.0, 0), 3600.0, 5.0, begin=17 * 3600.0)])
     facts = [gather(Facts("d", d, zone)) for zone in ("UTC", "Europe/Berlin")]
     assert [len(truck_days(f)) for f in facts] == [2, 1]
+
+
+def test_a_log_may_end_in_the_hour_that_the_wall_has_twice(write) -> None:
+    """Summer time ends on 25 October 2026 at 01:00 UTC, in Berlin at 03:00."""
+    for k, hour in enumerate((0, 1)):
+        day = pd.Timestamp(f"2026-10-25T{hour:02}:20:20Z")
+        begin = day.value // 1000 * 1e-6 - T0 * 1e-6 - 3600.0
+        truck = straight("A", (0, 0), (1.0, 0), 3600.0, 5.0, begin=begin)
+        page = Tags(report(write([truck], name=f"d{k}")).page).text
+        assert ("25 Oct 2026 01:20 to 02:20", "25 Oct 2026 02:20 to 02:20")[k] in page
+
+
+def test_shares_of_the_first_sentence_are_those_of_utilisation_and_add_up(write) -> None:
+    """One truck tells its loads, the other does not."""
+    moves = np.repeat([2.0, 0.0, 2.0, 0.0], 100) * np.ones((3, 1))
+    load = np.repeat([0.0, 0.0, 900.0, 900.0], 100) * np.ones((3, 1))
+    own = {"x": 0.0, "y": 0.0, "heading": 0.0, "speed": moves.ravel()}
+    t = np.arange(1200.0)
+    short = rows("C", t, **own | {"speed": np.where(t % 100 < 60, 2.0, 0.0)})
+    d = write([rows("A", t, **own, payload=load.ravel()), rows("B", t, **own), short])
+    found, alone = report(d), fleetlog.analyze("utilisation", d)
+    shares = [float(v) for v in re.findall(r"(\d+) %", found.lines[0])]
+    assert abs(sum(shares) - 100.0) <= 0.5 * len(shares) and "does not tell which" in found.lines[0]
+    figures = found.summary["datasets"][0]["figures"]
+    for state in ("handling", "waiting", "standing", "idle"):
+        assert figures[f"{state}_share"] == pytest.approx(100.0 * alone.summary["shares"][state])
+    states = ("driving", "handling", "waiting", "standing", "charging", "idle")
+    assert sum(figures[f"{state}_share"] for state in states) == pytest.approx(100.0)
 
 
 def test_hours_without_rows_are_not_hours_without_tasks(write, monkeypatch) -> None:

@@ -14,7 +14,7 @@ from fleetlog.analysis.clusters.steps import Crowds
 from fleetlog.core.arrays import DAY, Floats, Index, Ints
 from fleetlog.core.network import Network
 from fleetlog.core.result import Series
-from fleetlog.simulate.places import touching
+from fleetlog.simulate.places import joined
 
 LEAVE = 1.2  # A critical cluster stays critical until its mean speed exceeds this multiple of the limit
 JACCARD = 0.5
@@ -140,7 +140,7 @@ def critical_areas(network: Network, s: pd.DataFrame, watched: Watched) -> pd.Da
     hot = np.sort(codes[order[:count]])
     edge = (hot // PLACES).astype(np.int32)
     xy = network.position(edge, np.minimum((hot % PLACES + 0.5) * BIN, network.length[edge]))[:, :2]
-    group = touching(xy / BIN)
+    group = joined(xy, 1.5 * BIN)
     s = s[s["place"].isin(hot)]
     index = np.searchsorted(hot, s["place"])
     days = (watched.stop - 1 - watched.start) // DAY + 1

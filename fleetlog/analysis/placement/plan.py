@@ -245,7 +245,7 @@ def total(units: list[Unit], what: str) -> Floats:
 
 
 def choose(w: Weighed, q: Question) -> Choice:
-    """At most k sites; of a p-median one that no demand would use and nobody asked for is left out."""
+    """At most k sites; one that no demand would use and nobody asked for is left out."""
     if q.method != "pmedian" and (len(q.must) or len(q.must_not) or q.capacity is not None):
         raise DataError("forced and forbidden sites and capacities need the method pmedian")
     metres = vertex_distances(q.network)
@@ -257,8 +257,8 @@ def choose(w: Weighed, q: Question) -> Choice:
     }
     found = methods[q.method]()
     served = found.served if len(found.served) else q.nearest(found.sites, w.weight) / w.weight.sum()
-    keep = (served > 0) | np.isin(found.sites, q.must) | (q.method != "pmedian")
-    return replace(found, sites=found.sites[keep], served=served[keep])
+    keep = (served > 0) | np.isin(found.sites, q.must)
+    return replace(found, sites=found.sites[keep], served=served[keep], idle=int((~keep).sum()))
 
 
 def stability(units: list[Unit], choice: Choice, q: Question) -> dict[str, Any]:

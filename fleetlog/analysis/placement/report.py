@@ -49,8 +49,8 @@ def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dic
         "greedy": reach(w.weight, q.cost, greedy(shunned, np.zeros(0, np.int64), k)),
     }
     notices = list(w.notices)
-    if k < q.k and q.method == "pmedian":
-        notices.append(f"{k} of {q.k} sites serve all demand; more would stand idle")
+    if choice.idle:
+        notices.append(f"all demand is served by {k} of {k + choice.idle} sites; the others would stand idle")
     flow = "high by construction: on closed trips the flow rank is the heat share"
     return {
         "k": q.k, "method": q.method, "variant": q.variant, "demand": w.used, "metric": q.metric,

@@ -22,13 +22,14 @@ PATIENCE = 60.0  # HiGHS works so long on a p-median with capacities; its best a
 
 @dataclass(frozen=True)
 class Choice:
-    """The sites, what they achieve, the proven gap to the best possible (0: optimal), and the share of the
-    demand that each site serves (k,): empty where that is what it is the nearest to."""
+    """The sites, what they achieve, the proven gap to the best possible (0: optimal), the share of the demand
+    that each site serves (k,): empty where that is what it is the nearest to; how many were left out."""
 
     sites: Ints
     objective: float
     gap: float
     served: Floats = field(default_factory=lambda: np.zeros(0))
+    idle: int = 0
 
 
 def top_k(rank: Floats, k: int) -> Choice:
