@@ -70,8 +70,8 @@ def energy(
     sources = {name: n for k, name in enumerate(SOURCES) if (n := int((best == k).sum()))}
     start, end, ledger = whole["start"].isoformat(), whole["end"].isoformat(), [f"{t}_kwh" for t in terms]
     summary = {
-        "start": start, "end": end,
-        **whole.where(whole.notna(), None).drop(["all", "start", "end", *ledger]),
+        "start": start, "end": end, **whole.drop(["all", "start", "end", *ledger]),
+        **{name: None for name in ("soc_start", "soc_end", "soc_end_model") if np.isnan(whole[name])},
         "ledger_kwh": dict(zip(terms, whole[ledger], strict=True)), "measured_from": sources,
         "trips": len(tables["trips"]), "vehicles": len(tables["vehicles"]),
         "units": {"auxiliary_share": "1", "soc_start": "1", "soc_end": "1", "soc_end_model": "1"},

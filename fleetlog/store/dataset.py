@@ -164,9 +164,11 @@ class Dataset:
         ``joined`` to the vehicle's next row, of the same day or a later one: no time between them is lost."""
         if joined:
             later = next((d for v, d in self.vehicle_days if v == vehicle and d > date), "")
-            after = next(_pieces(self.parts(vehicle, later), vehicle, columns, 1), None)
-            for piece, following in pairwise(chain(self.pieces(vehicle, date, columns, rows), [after])):
-                yield concatenate([p[: None if p is piece else 1] for p in (piece, following) if p])
+            none = Trajectory(vehicle, np.zeros(0, np.int64))
+            after = next(_pieces(self.parts(vehicle, later), vehicle, columns, 1), none)
+            for piece, more in pairwise(chain(self.pieces(vehicle, date, columns, rows), [after])):
+                goes_on = len(more) and more.time[0] > piece.time[-1]
+                yield concatenate([piece, more[:1]]) if goes_on else piece
             return
         rest: list[Trajectory] = []
         for batch in _pieces(self.parts(vehicle, date), vehicle, columns, rows):

@@ -128,7 +128,7 @@ def test_the_charge_of_the_model_ends_where_its_own_use_leads(
     # Two trucks have no one charge.
     for table in (found.tables["energy_shifts"], found.tables["energy_hours"]):
         assert table[["soc_start", "soc_end", "soc_end_model"]].isna().all(axis=None)
-    assert np.isnan(found.summary["soc_end"])
+    assert found.summary["soc_end"] is None
 
 
 def test_power_of_the_other_sign_is_told(tmp_path: Path, truck: Truck) -> None:
