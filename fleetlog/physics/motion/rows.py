@@ -158,7 +158,7 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
     """Whether the speed of a row is the mean since the row before, judged by the ``way`` (N,) seen. Then the
     way between two rows is its speed times the step; else it is the mean of both rows' speeds times the step.
     What decides lies where the truck gathers or sheds speed."""
-    if not len(new := np.flatnonzero(rows.fresh & elsewhere(rows.x, rows.y))):
+    if len(new := np.flatnonzero(rows.fresh & elsewhere(rows.x, rows.y))) < 2:
         return False
     # Between two new positions: what the speeds of both ends say of the way, and what the mean would add.
     step, change = np.diff(rows.t), np.diff(rows.speed)
