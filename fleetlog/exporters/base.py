@@ -51,9 +51,15 @@ class Selection:
             begin = microseconds(date) + t
             if begin > last or begin + WINDOW <= first:
                 continue
-            parts = ((v, part) for v in self.vehicles for part in self.dataset.parts(v, date))
-            found = (_rows_from(begin, part, v, columns) for v, part in parts)
-            if pieces := [piece for piece in found if len(piece)]:
+            low, high = (pa.scalar(us, pa.timestamp("us", tz="UTC")) for us in (begin, begin + WINDOW))
+            # Row groups outside are not read.
+            inside = [("timestamp", ">=", low), ("timestamp", "<", high)]
+            pieces = []
+            for vehicle, part in ((v, part) for v in self.vehicles for part in self.dataset.parts(v, date)):
+                want = [name for name in pq.read_schema(part).names if name in ("timestamp", *columns)]
+                table = pq.read_table(part, columns=want, filters=inside, partitioning=None)
+                pieces += [from_arrow(table, vehicle)] if len(table) else []
+            if pieces:
                 yield pieces
 
     def placed(self, trajectory: Trajectory) -> Trajectory:
@@ -95,14 +101,6 @@ class Selection:
             do = f"choose one with --vehicle {self.vehicles[0] if self.vehicles else 'ID'}"
             raise DataError(what, where=self.dataset.path, do=do)
         return self.vehicles[0]
-
-
-def _rows_from(begin: int, part: Path, vehicle: str, columns: Sequence[str]) -> Trajectory:
-    """The rows of a file from ``begin`` on for ``WINDOW``; row groups outside are not read."""
-    first, last = (pa.scalar(t, pa.timestamp("us", tz="UTC")) for t in (begin, begin + WINDOW))
-    inside = [("timestamp", ">=", first), ("timestamp", "<", last)]
-    want = [name for name in pq.read_schema(part).names if name in ("timestamp", *columns)]
-    return from_arrow(pq.read_table(part, columns=want, filters=inside, partitioning=None), vehicle)
 
 
 def _plain(field: pa.Field) -> pa.Field:
