@@ -78,7 +78,18 @@ class ImportSummary:
 
     def lines(self) -> list[str]:
         """For a person."""
-        out = _file_lines(self.files)
+        # Files that tell the same are told once.
+        groups: dict[str, list[FileSummary]] = defaultdict(list)
+        for f in self.files:
+            notes = [n.replace(Path(f.file).stem, "FILE") for n in f.notes]
+            groups[repr((f.format, f.recognised, notes, f.damage))].append(f)
+        out = list[str]()
+        for one, *more in groups.values():
+            name = f"{one.file} and {count(len(more), 'more file')}" if more else one.file
+            out.append(f"{name}: {one.format}, {count(sum(f.rows for f in (one, *more)), 'row')}")
+            out += [f"  {source} is {meaning}" for source, meaning in one.recognised.items()]
+            out += [f"  {note}" for note in one.notes]
+            out += [f"  damaged: {text}" for text in one.damage]
         if self.rows:
             whose = f"{count(len(self.vehicles), 'vehicle')}, {count(self.trips, 'trip')}"
             out.append(f"{count(self.rows, 'row')} of {whose}, {self.start} to {self.end}")
@@ -96,22 +107,6 @@ class ImportSummary:
         if self.rejected_file:
             out.append(f"what was rejected is kept in {self.rejected_file}")
         return out
-
-
-def _file_lines(files: list[FileSummary]) -> list[str]:
-    """Of every file; files that tell the same are told once."""
-    groups: dict[str, list[FileSummary]] = defaultdict(list)
-    for f in files:
-        notes = [n.replace(Path(f.file).stem, "FILE") for n in f.notes]
-        groups[repr((f.format, f.recognised, notes, f.damage))].append(f)
-    out = []
-    for one, *more in groups.values():
-        name = f"{one.file} and {count(len(more), 'more file')}" if more else one.file
-        out.append(f"{name}: {one.format}, {count(sum(f.rows for f in (one, *more)), 'row')}")
-        out += [f"  {source} is {meaning}" for source, meaning in one.recognised.items()]
-        out += [f"  {note}" for note in one.notes]
-        out += [f"  damaged: {text}" for text in one.damage]
-    return out
 
 
 @dataclass
@@ -140,26 +135,19 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     summary.derived_by_vehicle = {vehicle: made for o in outcomes for vehicle, made in o.derived.items()}
     summary.derived = sorted({name for made in summary.derived_by_vehicle.values() for name in made})
     paces = [] if "speed" in summary.derived else [p for o in outcomes for p in o.paces]
-    summary.notes += _notes(counts, paces[:MOST_PACES])
-    if counts["matched"]:
-        summary.matched = counts["on_road"] / counts["matched"]
-
-
-def _notes(counts: Counter[str], paces: list[float]) -> list[str]:
-    """What a person should know of the sensors."""
-    out = []
     if counts["stuck"]:
         what = "values of speed, power or current are unknown: their sensor was stuck"
-        out.append(f"{counts['stuck']:,} {what}")
+        summary.notes.append(f"{counts['stuck']:,} {what}")
     if counts["held"]:
         where = "placed between the fixes by the distance driven"
-        out.append(f"{counts['held']:,} rows repeat a position while the truck moves: {where}")
-    if unit := suspect_unit(paces):
+        summary.notes.append(f"{counts['held']:,} rows repeat a position while the truck moves: {where}")
+    if unit := suspect_unit(paces[:MOST_PACES]):
         like = f"{unit[1]:.2f} times that of the positions, as if it were in {unit[0]}"
-        out.append(f"the speed is about {like}: check its unit")
+        summary.notes.append(f"the speed is about {like}: check its unit")
     if counts["kept"]:
-        out.append(f"the edges of {counts['kept']:,} rows are those that the log has")
-    return out
+        summary.notes.append(f"the edges of {counts['kept']:,} rows are those that the log has")
+    if counts["matched"]:
+        summary.matched = counts["on_road"] / counts["matched"]
 
 
 def added_up(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:

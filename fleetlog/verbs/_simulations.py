@@ -11,7 +11,6 @@ from fleetlog import scratch
 from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, dataset_answer, destination, write_folder
 from fleetlog.core.arguments import factor, moment, seconds
-from fleetlog.core.site import Site
 from fleetlog.core.words import count, percent
 from fleetlog.errors import EXIT_DAMAGED, ArgumentError, FleetlogError, InputError, chosen
 from fleetlog.listening import notice
@@ -48,8 +47,18 @@ def answer(asked: Asked) -> Answer:
     asked.varies = bool(asked.vary) or asked.runs != 1 or isinstance(asked.vehicles, str)
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
-    asked.site = _site(asked)
-    asked.physics = _physics(asked)
+    if asked.cycle:
+        asked.site = strip()
+    else:
+        asked.site = asked.like.site if asked.site is None else inputs.as_site(asked.site)
+        if asked.close:
+            asked.site = replace(asked.site, network=asked.site.roads().without(asked.close))
+    physics = Physics(asked.truck)
+    if asked.physics is not None:
+        physics = inputs.as_physics(asked.physics, asked.truck, asked.site.network)
+    for name in asked.without:
+        chosen(all_terms(), name, f"unknown term {name!r}", ArgumentError, where="--without")
+    asked.physics = replace(physics, off=physics.off | frozenset(asked.without))
     if asked.varies:
         return _experiment(asked, read)
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
@@ -83,22 +92,6 @@ def _check(asked: Asked) -> None:
         wrong.append("a simulation needs a site; name one with --site, or a dataset with --like")
     if wrong:
         raise ArgumentError(wrong[0].replace("_", "-"))
-
-
-def _site(asked: Asked) -> Site:
-    if asked.cycle:
-        return strip()
-    site: Site = asked.like.site if asked.site is None else inputs.as_site(asked.site)
-    return replace(site, network=site.roads().without(asked.close)) if asked.close else site
-
-
-def _physics(asked: Asked) -> Physics:
-    physics = Physics(asked.truck)
-    if asked.physics is not None:
-        physics = inputs.as_physics(asked.physics, asked.truck, asked.site.network)
-    for name in asked.without:
-        chosen(all_terms(), name, f"unknown term {name!r}", ArgumentError, where="--without")
-    return replace(physics, off=physics.off | frozenset(asked.without))
 
 
 def _experiment(asked: Asked, read: list[Path]) -> Answer:
