@@ -129,25 +129,21 @@ def tell(verb: Verb, given: dict[str, Any], *, as_json: bool, quiet: bool, verbo
     with how as progress, listening(progress, unheard if quiet and not verbose else notice):
         answer: Answer = verb(**given)
     try:
-        _print(answer, as_json, quiet)
+        if as_json:
+            from fleetlog.store.documents import json_text
+
+            where = {} if answer.output is None else {"output": str(answer.output)}
+            click.echo(json_text({**answer.summary, **where}))
+        elif quiet and answer.warning:
+            notice(f"fleetlog: {answer.warning}")
+        elif not quiet:
+            for line in answer.lines:
+                click.echo(wrapped(printable(line)))
+            if answer.output is not None:
+                click.echo(printable(f"{answer.kind}: {answer.output}"))
     except OSError as error:
         raise OSError(error.errno, error.strerror, "standard output") from None
     return answer.status
-
-
-def _print(answer: Answer, as_json: bool, quiet: bool) -> None:
-    if as_json:
-        from fleetlog.store.documents import json_text
-
-        where = {} if answer.output is None else {"output": str(answer.output)}
-        click.echo(json_text({**answer.summary, **where}))
-    elif quiet and answer.warning:
-        notice(f"fleetlog: {answer.warning}")
-    elif not quiet:
-        for line in answer.lines:
-            click.echo(wrapped(printable(line)))
-        if answer.output is not None:
-            click.echo(printable(f"{answer.kind}: {answer.output}"))
 
 
 def printable(text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -212,7 +212,14 @@ def build_network(
         if j >= 0 and edges[j].road == e.road and start[j] == end[i] and end[j] == start[i]:
             reverse[i] = j
     if turns is None:
-        turns = _default_turns(edges, reverse, {*forbidden})
+        leaving: dict[str, list[str]] = {}
+        for e in edges:
+            leaving.setdefault(e.start, []).append(e.id)
+        turns, banned = list[tuple[str, str]](), {*forbidden}
+        for e, back in zip(edges, reverse.tolist(), strict=True):
+            ways = [way for way in leaving.get(e.end, []) if (e.id, way) not in banned]
+            onward = [way for way in ways if back < 0 or way != edges[back].id]
+            turns += [(e.id, way) for way in onward or ways]
     follow = np.unique(np.array([(index[a], index[b]) for a, b in turns], np.int32).reshape(-1, 2), axis=0)
     return Network(
         tuple(index), tuple(e.road for e in edges), tuple(nodes), start, end, points, first, distance,
@@ -223,18 +230,6 @@ def build_network(
         next_edges=follow[:, 1].copy(),
         has_elevation=bool(np.ptp(points[:, 2]) > 1e-6) if has_elevation is None else has_elevation,
     )  # fmt: skip
-
-
-def _default_turns(
-    edges: Sequence[Edge], reverse: Index, forbidden: set[tuple[str, str]]
-) -> Iterator[tuple[str, str]]:
-    leaving: dict[str, list[str]] = {}
-    for e in edges:
-        leaving.setdefault(e.start, []).append(e.id)
-    for e, back in zip(edges, reverse, strict=True):
-        ways = [way for way in leaving.get(e.end, []) if (e.id, way) not in forbidden]
-        onward = [way for way in ways if back < 0 or way != edges[back].id]
-        yield from ((e.id, way) for way in onward or ways)
 
 
 @dataclass(frozen=True)

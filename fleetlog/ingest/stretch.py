@@ -179,7 +179,15 @@ class VehicleImport:
         if has_edges(rows, network):
             counts["kept"] += len(rows)
         else:
-            rows = with_edges(rows, network, self.plan.parameters)
+            from fleetlog.roads import matching
+
+            found = matching.match(rows, network, self.plan.parameters)
+            reason = np.where(found.edge < 0, found.reason.astype(np.int32), -1)
+            rows = rows.with_columns(
+                edge_id=Labels(found.edge, network.edge_ids), edge_offset=found.offset,
+                lateral_offset=found.lateral, match_confidence=found.confidence,
+                match_reason=Labels(reason, matching.REASONS),
+            )  # fmt: skip
         codes, why = rows.labels("edge_id").codes, rows.labels("match_reason")
         counts["matched"] += len(rows)
         counts["on_road"] += int((codes >= 0).sum())
@@ -187,18 +195,6 @@ class VehicleImport:
             if code >= 0:
                 self.out.off_map[why.names[code]] += int(number)
         return rows
-
-
-def with_edges(rows: Trajectory, network: Network, parameters: MatchParameters | None) -> Trajectory:
-    """The rows with edge_id, edge_offset, lateral_offset, match_confidence and match_reason."""
-    from fleetlog.roads import matching
-
-    found = matching.match(rows, network, parameters)
-    reason = np.where(found.edge < 0, found.reason.astype(np.int32), -1)
-    return rows.with_columns(
-        edge_id=Labels(found.edge, network.edge_ids), edge_offset=found.offset, lateral_offset=found.lateral,
-        match_confidence=found.confidence, match_reason=Labels(reason, matching.REASONS),
-    )  # fmt: skip
 
 
 def has_edges(rows: Trajectory, network: Network) -> bool:

@@ -241,23 +241,19 @@ def uploaded(target: Any, *, overwrite: bool = False, new: bool = True) -> Itera
         raise OutputError(what, where=str(target), do="choose another name, or remove it yourself")
     with tempfile.TemporaryDirectory(dir=scratch.folder()) as folder:
         yield Path(folder)
-        _upload(Path(folder), target)
-
-
-def _upload(folder: Path, target: Any) -> None:
-    files = sorted((p for p in folder.rglob("*") if p.is_file()), key=lambda p: (p.name == "dataset.json", p))
-    done = []
-    try:
-        for file in files:
-            where = target / file.relative_to(folder).as_posix()
-            done.append(where)
-            where.fs.put_file(str(file), where.path)
-    except BaseException as error:
-        for where in done:  # of an older dataset nothing is replaced before its rows are there
-            if where.name.startswith("part-"):
-                with suppress(Exception):
-                    where.unlink()
-        if isinstance(error, OSError):
-            what = f"cannot be written ({error})"
-            raise OutputError(what, where=str(target), do="check the rights") from None
-        raise
+        files = [p for p in Path(folder).rglob("*") if p.is_file()]
+        done = []
+        try:
+            for file in sorted(files, key=lambda p: (p.name == "dataset.json", p)):
+                where = target / file.relative_to(folder).as_posix()
+                done.append(where)
+                where.fs.put_file(str(file), where.path)
+        except BaseException as error:
+            for where in done:  # of an older dataset nothing is replaced before its rows are there
+                if where.name.startswith("part-"):
+                    with suppress(Exception):
+                        where.unlink()
+            if isinstance(error, OSError):
+                what = f"cannot be written ({error})"
+                raise OutputError(what, where=str(target), do="check the rights") from None
+            raise

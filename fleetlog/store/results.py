@@ -144,10 +144,6 @@ def write_site(site: Site, folder: Path, more: Mapping[str, Mapping[str, Any]] |
     frame = site.frame or NOWHERE
     if site.network is not None:
         write_json(folder / "roads.geojson", roads_geojson(site.network, frame, more or {}))
-    (folder / "site.toml").write_text(tomli_w.dumps(_tables(site, frame)), encoding="utf-8")
-
-
-def _tables(site: Site, frame: Frame) -> dict[str, Any]:
     own = {k: v for k, v in asdict(frame).items() if v not in (0.0, "UTC") or k in ("latitude", "longitude")}
     out: dict[str, Any] = {"name": site.name, "frame": own}
     if site.network is not None:
@@ -160,7 +156,8 @@ def _tables(site: Site, frame: Frame) -> dict[str, Any]:
         "break": [{"from": _clock(a), "until": _clock(b)} for a, b in site.breaks],
         "building": [_told(building) for building in site.buildings],
     }
-    return out | {name: rows for name, rows in tables.items() if rows}
+    out |= {name: rows for name, rows in tables.items() if rows}
+    (folder / "site.toml").write_text(tomli_w.dumps(out), encoding="utf-8")
 
 
 def _clock(seconds: float) -> str:

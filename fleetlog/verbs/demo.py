@@ -38,7 +38,13 @@ def demo(
     data : only write the sample data (logs, site, truck) to this folder; the tutorials begin with them.
     output : folder for everything that is made."""
     if data is not None:
-        return _data(as_path(data), overwrite)
+        target = as_path(data)
+        scripts = shutil.ignore_patterns("*.py", "__pycache__")
+        with atomic_output(target, "sample data", overwrite=overwrite) as scratch:
+            shutil.copytree(sample_folder(), scratch, dirs_exist_ok=True, ignore=scripts)
+        names = sorted(p.name for p in target.iterdir() if not p.name.startswith("."))
+        summary = {"output": str(target), "files": names}
+        return Answer("demo", summary, lines=[", ".join(names)], output=target, kind="sample data")
     target = as_path(output)
     with atomic_output(target, "demo", overwrite=overwrite) as scratch, contextlib.chdir(scratch):
         for number, (what, name, given, options) in enumerate(steps(sample_folder()), start=1):
@@ -50,16 +56,6 @@ def demo(
     notice("")
     lines = ["Where to look", *(f"  {target / path!s:40s} {what}" for path, what in DEMO["where"].items())]
     return Answer("demo", {"output": str(target)}, lines=lines, output=target, kind="demo")
-
-
-def _data(target: Path, overwrite: bool) -> Answer:
-    """Write the sample data; not the scripts that made them."""
-    scripts = shutil.ignore_patterns("*.py", "__pycache__")
-    with atomic_output(target, "sample data", overwrite=overwrite) as scratch:
-        shutil.copytree(sample_folder(), scratch, dirs_exist_ok=True, ignore=scripts)
-    names = sorted(p.name for p in target.iterdir() if not p.name.startswith("."))
-    summary = {"output": str(target), "files": names}
-    return Answer("demo", summary, lines=[", ".join(names)], output=target, kind="sample data")
 
 
 def steps(sample: Path) -> Iterator[Step]:

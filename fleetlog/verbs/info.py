@@ -90,18 +90,14 @@ def describe(path: Path) -> Figures:
     if is_url(path) or (path / "dataset.json").is_file():
         return _dataset(path)
     if (path / MARK).is_file():
-        return _output(path)
+        # A folder of results: what it is, its files, and the figures of its summary.
+        mark = json.loads((path / MARK).read_text(encoding="utf-8"))
+        names = sorted(p.name for p in path.iterdir() if not p.name.startswith("."))
+        document = next((path / n for n in names if n.endswith(".json") and (path / n).is_file()), None)
+        figures = {} if document is None else json.loads(document.read_text(encoding="utf-8"))
+        made = {"kind": str(mark["kind"]), "path": str(path), "version": str(mark.get("version", "unknown"))}
+        return {**made, "files": names, "summary": figures}
     return {".rrd": _recording, ".toml": _truck_or_site}.get(path.suffix.lower(), _log_or_map)(path)
-
-
-def _output(path: Path) -> Figures:
-    """A folder of results: what it is, its files, and the figures of its summary."""
-    mark = json.loads((path / MARK).read_text(encoding="utf-8"))
-    names = sorted(p.name for p in path.iterdir() if not p.name.startswith("."))
-    document = next((path / n for n in names if n.endswith(".json") and (path / n).is_file()), None)
-    figures = {} if document is None else json.loads(document.read_text(encoding="utf-8"))
-    made = {"kind": str(mark["kind"]), "path": str(path), "version": str(mark.get("version", "unknown"))}
-    return {**made, "files": names, "summary": figures}
 
 
 def _log_or_map(path: Path) -> Figures:

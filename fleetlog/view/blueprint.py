@@ -148,16 +148,6 @@ def activity_views(screen: Screen, roomy: bool = False) -> list[Any]:
     ]
 
 
-def map_view(screen: Screen, latitude: float) -> rrb.MapView:
-    """The trucks on the map, zoomed to the site."""
-    x0, y0, x1, y1 = around(screen.outline)
-    # A tile of 256 points shows the equator at zoom 0; the map has about 340 by 240 points.
-    metres_a_point = max((x1 - x0) / 340.0, (y1 - y0) / 240.0, 0.06) * 1.1
-    zoom = np.log2(156_543.0 * np.cos(np.radians(latitude)) / metres_a_point)
-    contents = ["/geo/**", *screen.paths("geo")]
-    return rrb.MapView(origin="/", name="Map", contents=contents, zoom=float(np.clip(zoom, 2, 19)))
-
-
 def send(stream: Stream, screen: Screen, columns: list[Any], shares: Sequence[float]) -> None:
     """Make columns side by side the recording's own screen; time below, playing, where anything has one."""
     state = "collapsed" if screen.duration else "hidden"
@@ -175,7 +165,13 @@ def replay(stream: Stream, screen: Screen, latitude: float | None) -> None:
     """Send the screen of a replay; ``latitude`` of the site where it is known."""
     aspect = 1.7 * ASPECT if latitude is None else ASPECT
     below: list[Any] = [floor_view(screen, "Plan", FLAT, plan=True, aspect=aspect)]
-    below += [] if latitude is None else [map_view(screen, latitude)]
+    if latitude is not None:
+        x0, y0, x1, y1 = around(screen.outline)
+        # A tile of 256 points shows the equator at zoom 0; the map has about 340 by 240 points.
+        metres_a_point = max((x1 - x0) / 340.0, (y1 - y0) / 240.0, 0.06) * 1.1
+        zoom = float(np.clip(np.log2(156_543.0 * np.cos(np.radians(latitude)) / metres_a_point), 2, 19))
+        contents = ["/geo/**", *screen.paths("geo")]
+        below.append(rrb.MapView(origin="/", name="Map", contents=contents, zoom=zoom))
     doing = activity_views(screen)
     right = [*doing, *curve_views(screen)]
     first = min(screen.lanes / 2.4, 4.0) if screen.lanes else 1.7 if doing else 1.0

@@ -116,7 +116,14 @@ def log_events(stream: Stream, h: Happenings, lanes: list[Lane]) -> set[str]:
     few = len(lanes) <= STATES
     for lane in lanes if few else ():
         mine = h.activities[h.activities["vehicle_id"] == lane.vehicle]
-        _log_state(stream, mine.sort_values("start"), lane.path("state"))
+        mine, path = mine.sort_values("start"), lane.path("state")
+        # Colours as numbers: in a plain list they could be taken for something else.
+        colours = np.array([[*palette.ACTIVITIES[a], 255] for a in ACTIVITIES], np.uint8)
+        labels = [a.replace("_", " ") for a in ACTIVITIES]
+        stream.static(path, rr.StateConfiguration(values=list(ACTIVITIES), labels=labels, colors=colours))
+        states = mine["activity"].astype(str)
+        changed = (states != states.shift()).to_numpy()
+        stream.rows(path, mine["start"].to_numpy()[changed], rr.StateChange, state=states[changed].tolist())
     return found | ({"state"} if few else set()) | _log_curves(stream, h, name, activity=not few)
 
 
@@ -190,16 +197,6 @@ def _log_charging(stream: Stream, h: Happenings, name: str) -> set[str]:
     tints = [palette.faded(palette.CHARGING, share) for share in (1.0, 0.65, 0.35, 1.0)]
     _log_stretches(stream, path, mine["start"], mine["end"], [[g + at for g in glow] for at in where], tints)
     return {"charging"}
-
-
-def _log_state(stream: Stream, mine: pd.DataFrame, path: str) -> None:
-    # Colours as numbers: in a plain list they could be taken for something else.
-    colours = np.array([[*palette.ACTIVITIES[a], 255] for a in ACTIVITIES], np.uint8)
-    labels = [a.replace("_", " ") for a in ACTIVITIES]
-    stream.static(path, rr.StateConfiguration(values=list(ACTIVITIES), labels=labels, colors=colours))
-    states = mine["activity"].astype(str)
-    changed = (states != states.shift()).to_numpy()
-    stream.rows(path, mine["start"].to_numpy()[changed], rr.StateChange, state=states[changed].tolist())
 
 
 def _log_curves(stream: Stream, h: Happenings, name: str, *, activity: bool) -> set[str]:

@@ -178,7 +178,20 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
     path, scale = lane.path("trucks", "body"), np.tile(np.maximum(shown, 1e-6)[:, None], 3)
     stream.rows(path, time, rr.Transform3D, quaternion=quaternions(turn), scale=scale)
     if t.has("soc"):
-        _log_bar(stream, lane, t, starts, hidden)
+        # A dark bar with a coloured part as long as the battery is full, redrawn at every per cent.
+        soc = t.floats("soc")
+        keep = clock.together(clock.changed(soc, 0.01), starts)
+        keep = keep[np.isfinite(soc[keep])]
+        time, _, shown = _in_order(t.time[keep], hidden)
+        split = BAR_HALF * (2.0 * np.clip(soc[keep], 0.03, 1.0) - 1.0)
+        x = np.column_stack([np.full(len(keep), -BAR_HALF), split, split, np.full(len(keep), BAR_HALF)])
+        ends = np.stack(np.broadcast_arrays(x.ravel(), BAR_NORTH, BAR_UP), axis=-1)
+        strips = as_strips(ends, np.full(2 * len(keep), 2))
+        full = palette.soc_colours(soc[keep])
+        colours = np.stack([full, np.broadcast_to(EMPTY, full.shape)], axis=1).reshape(-1, 3)
+        path = lane.path("trucks", "soc")
+        stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(3.0)))
+        stream.rows(path, time, rr.LineStrips3D, 2 * shown, strips=strips, colors=colours)
 
 
 def _in_order(shown: Ints, hidden: Ints) -> tuple[Ints, Ints, Ints]:
@@ -186,23 +199,6 @@ def _in_order(shown: Ints, hidden: Ints) -> tuple[Ints, Ints, Ints]:
     time = np.concatenate([shown, hidden])
     order = np.argsort(time, kind="stable")
     return time[order], order, (order < len(shown)).astype(np.int64)
-
-
-def _log_bar(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
-    """A dark bar with a coloured part as long as the battery is full, redrawn at every per cent."""
-    soc = t.floats("soc")
-    keep = clock.together(clock.changed(soc, 0.01), starts)
-    keep = keep[np.isfinite(soc[keep])]
-    time, _, shown = _in_order(t.time[keep], hidden)
-    split = BAR_HALF * (2.0 * np.clip(soc[keep], 0.03, 1.0) - 1.0)
-    x = np.column_stack([np.full(len(keep), -BAR_HALF), split, split, np.full(len(keep), BAR_HALF)])
-    ends = np.stack(np.broadcast_arrays(x.ravel(), BAR_NORTH, BAR_UP), axis=-1)
-    strips = as_strips(ends, np.full(2 * len(keep), 2))
-    full = palette.soc_colours(soc[keep])
-    colours = np.stack([full, np.broadcast_to(EMPTY, full.shape)], axis=1).reshape(-1, 3)
-    path = lane.path("trucks", "soc")
-    stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(3.0)))
-    stream.rows(path, time, rr.LineStrips3D, 2 * shown, strips=strips, colors=colours)
 
 
 def _log_fork(stream: Stream, lane: Lane, t: Trajectory) -> None:

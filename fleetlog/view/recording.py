@@ -222,19 +222,15 @@ def _log_block(stream: Stream, fleet: Fleet, time: Ints, v: dict[str, Singles]) 
     for column, (signal, factor) in of.CURVES.items():
         shown = known & (v["speed"] > MOVING) if column == "speed" else known
         values = np.where(shown, v[column], np.nan).astype(np.float64) * factor
-        if np.isfinite(values).any():
+        if (told := np.isfinite(values).any(axis=1)).any():
             found.add(signal)
-            for curve, y in zip(FLEET_CURVES[signal], _fleet_curves(signal, values), strict=True):
+            # What the fleet does; NaN at a step at which nothing is known.
+            quantiles = [quantile for quantile, _ in FLEET_CURVES[signal].values()]
+            curves = np.full((len(quantiles), len(values)), np.nan)
+            if signal == "power":
+                curves[:, told] = np.nansum(values[told], axis=1)
+            else:
+                curves[:, told] = np.nanquantile(values[told], quantiles, axis=1)
+            for curve, y in zip(FLEET_CURVES[signal], curves, strict=True):
                 of.log_curve(stream, entity(name, signal, curve), time, y)
     return found
-
-
-def _fleet_curves(signal: str, values: Floats) -> Floats:
-    """(curves, T) of (T, V) values: what the fleet does; NaN at a step at which nothing is known."""
-    quantiles = [quantile for quantile, _ in FLEET_CURVES[signal].values()]
-    out, known = np.full((len(quantiles), len(values)), np.nan), np.isfinite(values).any(axis=1)
-    if signal == "power":
-        out[:, known] = np.nansum(values[known], axis=1)
-    else:
-        out[:, known] = np.nanquantile(values[known], quantiles, axis=1)
-    return out

@@ -67,7 +67,11 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
             _log_lines(stream, path, shape)
             return f"**{_title(shape.name)}**: lines join trucks of one cluster, red where it is critical"
         case Flows() if len(shape.weight):
-            _log_flows(stream, path, shape)
+            ends = [np.column_stack([e, np.full(len(e), 0.3)]) for e in (shape.start, shape.end)]
+            arcs = [ribbons.arc(a, b) for a, b in zip(*ends, strict=True)]
+            width = 0.5 + 2.5 * np.tile(shape.weight / shape.weight.max(), 2) ** 2
+            lines = [*arcs, *map(ribbons.head, arcs)]
+            stream.static(path, rr.LineStrips3D(lines, radii=ui_points(width), colors=[palette.CALM]))
             return f"**{_title(shape.name)}**: the widest arrow is {_short(shape.weight.max())} {shape.label}"
         case Bars():
             shown = zip(shape.labels[:20], shape.values[:20], strict=True)
@@ -81,7 +85,13 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
                 curve = with_gaps(shape.x, np.asarray(values, float), clock.gap_limit(shape.x), None)
                 log_curve(stream, entity("curves", shape.name, name), *curve, style)
         case Marks() if len(shape.xy):
-            _log_marks(stream, path, shape)
+            colour, hole = MARK_COLOURS[shape.kind], 0.0 if shape.kind == "charger" else 0.82
+            spots = zip(shape.xy, np.maximum(shape.size, 0.5).tolist(), strict=True)
+            pads = [(ribbons.disc(x, y, r, 0.09, inner=hole * r), colour) for (x, y), r in spots]
+            stream.static(f"{path}/rings", ribbons.mesh3d(pads))
+            where = np.column_stack([shape.xy, np.full(len(shape.xy), 0.2)])
+            look: Any = {"radii": ui_points(3.0), "colors": [colour], "show_labels": len(where) <= 30}
+            stream.static(f"{path}/labels", rr.Points3D(where, labels=list(shape.labels), **look))
     return ""
 
 
@@ -130,25 +140,6 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     stream.static(f"{path}/scale/ends", rr.Points3D([[*spot, 0.1] for spot in spots], labels=texts, **look))
     how = "blue below zero, orange above" if scale.diverging else "dark is low, bright is high"
     return f"**{label}**: {low} to {top} ({how})"
-
-
-def _log_marks(stream: Stream, path: str, marks: Marks) -> None:
-    colour, hole = MARK_COLOURS[marks.kind], 0.0 if marks.kind == "charger" else 0.82
-    spots = zip(marks.xy, np.maximum(marks.size, 0.5).tolist(), strict=True)
-    pads = [(ribbons.disc(x, y, r, 0.09, inner=hole * r), colour) for (x, y), r in spots]
-    stream.static(f"{path}/rings", ribbons.mesh3d(pads))
-    where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
-    texts: Any = {"labels": list(marks.labels), "show_labels": len(where) <= 30}
-    stream.static(f"{path}/labels", rr.Points3D(where, radii=ui_points(3.0), colors=[colour], **texts))
-
-
-def _log_flows(stream: Stream, path: str, flows: Flows) -> None:
-    """Arcs with heads, the wider the more."""
-    ends = [np.column_stack([e, np.full(len(e), 0.3)]) for e in (flows.start, flows.end)]
-    arcs = [ribbons.arc(a, b) for a, b in zip(*ends, strict=True)]
-    width = 0.5 + 2.5 * np.tile(flows.weight / flows.weight.max(), 2) ** 2
-    lines = [*arcs, *map(ribbons.head, arcs)]
-    stream.static(path, rr.LineStrips3D(lines, radii=ui_points(width), colors=[palette.CALM]))
 
 
 def _log_lines(stream: Stream, path: str, shape: MovingLines) -> None:

@@ -40,8 +40,27 @@ def log_site(stream: Stream, site: Site) -> None:
     """Everything that the site has, under ``/site``."""
     if site.network is not None:
         _log_roads(stream, site.network, site)
-    _log_buildings(stream, site)
-    _log_zones(stream, site)
+    for building in site.buildings:
+        height, outline = building.height, building.polygon
+        roof = ribbons.floor_polygon(outline, height), palette.BUILDING
+        sides = ribbons.walls(outline, 0.0, height), palette.BUILDING
+        stream.static(entity("site", "buildings", "roofs", building.id), ribbons.mesh3d([roof], 28))
+        stream.static(entity("site", "buildings", "walls", building.id), ribbons.mesh3d([sides], 40))
+        posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
+        foot, top = (ribbons.outline(outline, z) for z in (0.0, height))
+        for part, lines in {"outlines": [foot], "frames": [top, *posts]}.items():
+            strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=ui_points(0.7))
+            stream.static(entity("site", "buildings", part, building.id), strips)
+    for zone in site.zones:
+        colour = palette.COVERED if zone.covered else palette.LIMITED
+        floor = ribbons.floor_polygon(zone.polygon, 0.0), colour
+        stream.static(entity("site", "zones", "floors", zone.id), ribbons.mesh3d([floor], 24))
+        limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
+        rim = rr.LineStrips3D(
+            [ribbons.outline(zone.polygon, 0.02)], colors=[colour], radii=ui_points(1.0),
+            labels=[zone.id + limit], show_labels=not zone.covered and len(site.zones) <= MANY_LABELS,
+        )  # fmt: skip
+        stream.static(entity("site", "zones", "rims", zone.id), rim)
     log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
 
 
@@ -70,33 +89,6 @@ def _log_roads(stream: Stream, network: Network, site: Site) -> None:
         on_earth = [np.column_stack(frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
         colours = [palette.ROAD_EDGE] * len(once)
         stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=on_earth, colors=colours, radii=ui_points(1.2)))
-
-
-def _log_buildings(stream: Stream, site: Site) -> None:
-    for building in site.buildings:
-        height, outline = building.height, building.polygon
-        roof = ribbons.floor_polygon(outline, height), palette.BUILDING
-        sides = ribbons.walls(outline, 0.0, height), palette.BUILDING
-        stream.static(entity("site", "buildings", "roofs", building.id), ribbons.mesh3d([roof], 28))
-        stream.static(entity("site", "buildings", "walls", building.id), ribbons.mesh3d([sides], 40))
-        posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
-        foot, top = (ribbons.outline(outline, z) for z in (0.0, height))
-        for part, lines in {"outlines": [foot], "frames": [top, *posts]}.items():
-            strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=ui_points(0.7))
-            stream.static(entity("site", "buildings", part, building.id), strips)
-
-
-def _log_zones(stream: Stream, site: Site) -> None:
-    for zone in site.zones:
-        colour = palette.COVERED if zone.covered else palette.LIMITED
-        floor = ribbons.floor_polygon(zone.polygon, 0.0), colour
-        stream.static(entity("site", "zones", "floors", zone.id), ribbons.mesh3d([floor], 24))
-        limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
-        rim = rr.LineStrips3D(
-            [ribbons.outline(zone.polygon, 0.02)], colors=[colour], radii=ui_points(1.0),
-            labels=[zone.id + limit], show_labels=not zone.covered and len(site.zones) <= MANY_LABELS,
-        )  # fmt: skip
-        stream.static(entity("site", "zones", "rims", zone.id), rim)
 
 
 def log_places(stream: Stream, places: Sequence[Place], part: str, labels: bool) -> None:
