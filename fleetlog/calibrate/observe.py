@@ -214,8 +214,7 @@ def _deviation(residual: Floats) -> float:
     spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
     spread = max(spread, 0.5 * float(residual.std()), 1e-6)
     blocks = residual[: len(residual) // BLOCK * BLOCK].reshape(-1, BLOCK).sum(axis=1)
-    single = max(float(residual.var()), 1e-18)
-    effect = float(blocks.var()) / (BLOCK * single) if len(blocks) > 2 else 1.0
+    effect = float(blocks.var()) / (BLOCK * max(float(residual.var()), 1e-18)) if len(blocks) > 2 else 1.0
     return spread * float(np.sqrt(max(effect, 1.0)))
 
 

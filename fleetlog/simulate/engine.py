@@ -82,8 +82,7 @@ def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
     known = {bay.place.id for bay in world.bays}
     demand = replace(demand, visits=at_places(demand.visits, known))
     doable = [t for t in demand.given if {t.source, t.target} <= known]
-    left_out = [t for t in demand.given if not {t.source, t.target} <= known]
-    if not left_out:
+    if not (left_out := [t for t in demand.given if not {t.source, t.target} <= known]):
         return demand, []
     if not doable and not demand.endless:
         source, target = left_out[0].source, left_out[0].target

@@ -79,8 +79,7 @@ def _replays(
     if together and network is not None:
         lanes = lane_shift(network, truck, data.site.traffic)
     for vehicle in data.vehicles:
-        recorded = data.read(vehicle)
-        if len(recorded) > 1:
+        if len(recorded := data.read(vehicle)) > 1:
             found = reconstruct(measured_channels(recorded, data.meta), network, truck)
             own = physics.of(vehicle, recorded.time[0] * 1e-6)
             yield VehicleReplay(recorded, found, data.site, own, writer, lanes, temperature)
@@ -163,8 +162,7 @@ def _met(n: pd.DataFrame, half: tuple[float, float]) -> Ints:
 
     found = [np.zeros((0, 2), np.int64)]
     for begin in np.arange(n.alone.min(), n.alone.max() + 1e-3, WINDOW):
-        own = n[(n.alone >= begin) & (n.alone < begin + 2.0 * WINDOW)]
-        if len(own):
+        if len(own := n[(n.alone >= begin) & (n.alone < begin + 2.0 * WINDOW)]):
             boxes, trucks = own[["x", "y", "heading"]].to_numpy().T.copy(), own.truck.to_numpy(np.int32)
             flat, every = np.zeros(len(own)), np.ones(len(own), bool)
             touch = meetings(boxes[0], boxes[1], flat, boxes[2], trucks, every, *half)

@@ -134,8 +134,7 @@ class Occupancy(Untangler):
 
     def _make_room(self, v: int) -> bool:
         """Let a truck go to the nearest spare bay, if there is one."""
-        spare = self._spare_bay(v)
-        if spare is not None:
+        if (spare := self._spare_bay(v)) is not None:
             self.count.made_room += 1
             self._go(v, spare, "park")
         return spare is not None
@@ -159,8 +158,7 @@ class Occupancy(Untangler):
 
     def _wants_charge(self, v: int) -> bool:
         """Queue for a charger; False where the site has none for this truck."""
-        suits = any(self._suits(v, b) for b in self.chargers)
-        if suits and v not in self.queue:
+        if (suits := any(self._suits(v, b) for b in self.chargers)) and v not in self.queue:
             self.queue.append(v)
         return suits
 

@@ -64,8 +64,7 @@ def find_stands(dataset: Dataset) -> Stands:
     """All standstills of a dataset; one pass over its rows."""
     code = {v: float(i) for i, v in enumerate(dataset.vehicles)}
     days = each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
-    found = [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]
-    if not found:
+    if not (found := [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]):
         raise DataError("the dataset has no rows", where=dataset.path)
     table = np.concatenate(found)
     ints = table[:, :3].astype(np.int64)

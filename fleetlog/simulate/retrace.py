@@ -138,8 +138,7 @@ class VehicleReplay:
         # Near a recorded row, or on the way: where the log was silent overnight, so is the replay.
         k = np.clip(np.searchsorted(self.time, rows), 1, len(self.time) - 1)
         near = np.minimum(np.abs(rows - self.time[k - 1]), np.abs(rows - self.time[k])) <= MAX_GAP / 2.0
-        rows = rows[near | ((rows >= leave) & (rows <= arrival))]
-        if not len(rows):
+        if not len(rows := rows[near | ((rows >= leave) & (rows <= arrival))]):
             return
         steps = max(round(self.interval / FINE), 1)
         fine = (rows[:, None] + ((np.arange(steps) + 0.5) / steps - 0.5) * self.interval).ravel()

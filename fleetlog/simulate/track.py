@@ -41,8 +41,7 @@ def simplified(points: Floats) -> Floats:
 
 def rounded(points: Floats, radius: float) -> Floats:
     """The (n, 2) polyline, corners rounded with ``radius`` or more as far as the legs are long enough."""
-    points = simplified(points)
-    if len(points) < 3:
+    if len(points := simplified(points)) < 3:
         return points
     out = [points[:1]]
     leg = np.linalg.norm(np.diff(points, axis=0), axis=1)
