@@ -237,9 +237,7 @@ def observations(path: Path, physics: Physics) -> Observations:
 
 def of_dataset(dataset: Dataset, physics: Physics) -> Observations:
     """The energy of every window of a recording; see :func:`of_motion`."""
-    pieces = []
-    for number, vehicle in enumerate(dataset.vehicles):
-        rows = measured_channels(dataset.read(vehicle), dataset.meta)
-        motion = reconstruct(rows, dataset.site.network, physics.truck).motion
-        pieces.append(motion.replaced(vehicle=motion.vehicle * 0 + number))
+    rows = (measured_channels(dataset.read(vehicle), dataset.meta) for vehicle in dataset.vehicles)
+    motions = (reconstruct(each, dataset.site.network, physics.truck).motion for each in rows)
+    pieces = [motion.replaced(vehicle=motion.vehicle * 0 + k) for k, motion in enumerate(motions)]
     return of_motion(join(pieces), physics)

@@ -105,8 +105,7 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
     if not (head := read_head(path, HEAD, SiteError)).strip():
         raise SiteError("the file is empty", where=path, do="give a map")
     suffix, known = Path(path.name.lower().removesuffix(".gz")).suffix, readers().values()
-    found = [r for r in known if r.knows(head)] or [r for r in known if suffix in r.suffixes]
-    if not found:
+    if not (found := [r for r in known if r.knows(head)] or [r for r in known if suffix in r.suffixes]):
         suffixes = ", ".join(sorted({s for r in known for s in r.suffixes}))
         raise SiteError("not a map of a known format", where=path, do=f"known are {suffixes}")
     with at(where=path):

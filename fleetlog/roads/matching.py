@@ -224,8 +224,7 @@ def _reasons(
 
 def _nothing(n: int, parameters: MatchParameters) -> Match:
     nan, none = np.full(n, np.nan), np.zeros(n, np.uint8)
-    reason = np.full(n, NO_POSITION, np.uint8)
-    edge = np.full(n, -1, np.int32)
+    edge, reason = np.full(n, -1, np.int32), np.full(n, NO_POSITION, np.uint8)
     return Match(edge, nan, nan.copy(), np.ones(n), reason, none, np.zeros(n, bool), parameters)
 
 

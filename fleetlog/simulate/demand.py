@@ -273,8 +273,7 @@ def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:
         "max_deceleration": _typical(-change / PLAN, slow & (change < -CHANGES), motion.dt),
         "max_lateral_acceleration": _in_turns(motion, track),
     }
-    known = {name: value for name, value in asked.items() if value is not None}
-    return replace(truck, drive=replace(truck.drive, **known))
+    return replace(truck, drive=replace(truck.drive, **{n: v for n, v in asked.items() if v is not None}))
 
 
 def _in_turns(motion: Motion, track: Track) -> float | None:

@@ -198,8 +198,5 @@ class Summary:
             f" {number(c.detours, 'detour')}",
             told_limits(asdict(self.limits)),
         ]
-        if self.one_more:
-            out.append(str(self.one_more["statement"]))
-        if c.empty:
-            out.append(f"battery empty: {', '.join(c.empty)}")
-        return out
+        out += [str(self.one_more["statement"])] if self.one_more else []
+        return out + ([f"battery empty: {', '.join(c.empty)}"] if c.empty else [])

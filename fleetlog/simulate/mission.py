@@ -87,8 +87,7 @@ def _replays(
 
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
     """Let trucks wait for one another: the share of travel time that they lose; how many were let past."""
-    trips = [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]
-    if not trips:
+    if not (trips := [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]):
         return 0.0, 0
     start = min(r.recorded.time[0] for r in replays)
     clock = [float(r.recorded.time[0] - start) * 1e-6 for r in replays]

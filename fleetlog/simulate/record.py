@@ -140,8 +140,7 @@ class Recorder:
     ) -> None:  # fmt: skip
         self.writer, self.names, self.edges = writer, names, world.track.network.edge_ids
         flat, nominal = not np.any(world.ground.z), settings.battery is None
-        unknown = ("z",) * flat + MEANS[1:] * nominal
-        self.columns = tuple(c for c in DIGITS if c not in unknown)
+        self.columns = tuple(c for c in DIGITS if c not in ("z",) * flat + MEANS[1:] * nominal)
         every, dt = round(settings.interval / settings.step), round(settings.step * 1e6)
         self.every, self.interval, self.start = every, every * dt, settings.start + every // 2 * dt
         trucks, batches = len(names), total // steps
