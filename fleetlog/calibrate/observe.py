@@ -214,8 +214,7 @@ def _deviation(residual: Floats) -> float:
     spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
     spread = max(spread, 0.5 * float(residual.std()), 1e-6)
     blocks = residual[: len(residual) // BLOCK * BLOCK].reshape(-1, BLOCK).sum(axis=1)
-    single = max(float(residual.var()), 1e-18)
-    effect = float(blocks.var()) / (BLOCK * single) if len(blocks) > 2 else 1.0
+    effect = float(blocks.var()) / (BLOCK * max(float(residual.var()), 1e-18)) if len(blocks) > 2 else 1.0
     return spread * float(np.sqrt(max(effect, 1.0)))
 
 
@@ -238,9 +237,7 @@ def observations(path: Path, physics: Physics) -> Observations:
 
 def of_dataset(dataset: Dataset, physics: Physics) -> Observations:
     """The energy of every window of a recording; see :func:`of_motion`."""
-    pieces = []
-    for number, vehicle in enumerate(dataset.vehicles):
-        rows = measured_channels(dataset.read(vehicle), dataset.meta)
-        motion = reconstruct(rows, dataset.site.network, physics.truck).motion
-        pieces.append(motion.replaced(vehicle=motion.vehicle * 0 + number))
+    rows = (measured_channels(dataset.read(vehicle), dataset.meta) for vehicle in dataset.vehicles)
+    motions = (reconstruct(each, dataset.site.network, physics.truck).motion for each in rows)
+    pieces = [motion.replaced(vehicle=motion.vehicle * 0 + k) for k, motion in enumerate(motions)]
     return of_motion(join(pieces), physics)

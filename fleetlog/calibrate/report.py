@@ -34,8 +34,7 @@ def estimate_line(e: Estimate) -> str:
     said = f"{e.value if e.status == 'fitted' else e.prior:.4g}{'' if unit == '1' else f' {unit}'}"
     if e.status == "fitted":
         return f"{e.unknown.words}: {said} ({e.low:.4g} to {e.high:.4g}); was {e.prior:.4g}"
-    kept = "kept at" if e.status == "held" else "not measured by itself; was"
-    return f"{e.unknown.words}: {kept} {said}"
+    return f"{e.unknown.words}: {'kept at' if e.status == 'held' else 'not measured by itself; was'} {said}"
 
 
 def lines(fit: Fit) -> list[str]:
@@ -69,9 +68,8 @@ def lines(fit: Fit) -> list[str]:
 def summary(fit: Fit) -> dict[str, Any]:
     """JSON-ready; ``value`` and its interval are null for a number that the runs do not carry."""
     seen = fit.observed
-    names = "run", "measured", "sigma", "before", "after"
     rows = zip(seen.labels, seen.measured, seen.sigma, fit.before, fit.after, strict=True)
-    runs = [dict(zip(names, row, strict=True)) for row in rows]
+    runs = [dict(zip(("run", "measured", "sigma", "before", "after"), row, strict=True)) for row in rows]
     keys, carried = [e.unknown.key for e in fit.estimates], ("value", "low", "high")
     return {
         "format_version": 1, "confidence": CONFIDENCE,

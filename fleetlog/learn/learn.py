@@ -58,7 +58,13 @@ def learn(
     found = learn_roads(cells, noise, lambda: dataset.days(COLUMNS), settings)
     roads = described(found, noise)
     base = Site(dataset.path.name, dataset.site.frame, roads, dataset.site.traffic, zones=slow_zones(roads))
-    learned, places = with_places(base, dataset, min_visits)
+    stands = find_stands(dataset)
+    cluster = clusters(stands, min_visits)
+    places = place_table(stands, cluster)
+    learned, names = mined_site(base, places)
+    learned = with_room(learned, stands, cluster, names)
+    room = {p.id: p.plugs for p in learned.places}
+    places = places.assign(place=names, plugs=[room[n] for n in names])
     e, each = found.evidence, range(len(roads))
     table = pd.DataFrame({
         "edge_id": list(roads.edge_ids), "length_m": roads.length, "width_m": roads.width,
@@ -118,17 +124,6 @@ def described(found: Roads, noise: float) -> Network:
     edges = [replace(e, id=name, speed_limit=limit, width=width) for e, name, limit, width in told]
     turns = [(names[i], names[int(j)]) for i in range(len(n)) for j in n.successors(i)]
     return build_network(edges, turns, has_elevation=False)
-
-
-def with_places(site: Site, dataset: Dataset, min_visits: int) -> tuple[Site, pd.DataFrame]:
-    """The site with the places where trucks stood again and again, and the table of their evidence."""
-    stands = find_stands(dataset)
-    cluster = clusters(stands, min_visits)
-    table = place_table(stands, cluster)
-    site, names = mined_site(site, table)
-    site = with_room(site, stands, cluster, names)
-    room = {p.id: p.plugs for p in site.places}
-    return site, table.assign(place=names, plugs=[room[n] for n in names])
 
 
 def slow_zones(network: Network) -> tuple[Zone, ...]:

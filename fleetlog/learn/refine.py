@@ -116,8 +116,7 @@ def _fitted(chains: list[Chain], driven: Mask, cells: Driven, reach: float) -> l
     moments = [np.bincount(back * n + at, cells.weight[use] * left**k, 2 * n).reshape(2, n) for k in range(3)]
     sums = np.stack(moments, axis=1).astype(np.float64)
     bounds = np.cumsum([len(c.points) for c in chains])[:-1]
-    parts = zip(chains, np.split(sums, bounds, axis=2), np.split(tangent, bounds), strict=True)
-    return [_fit(*part) for part in parts]
+    return list(map(_fit, chains, np.split(sums, bounds, axis=2), np.split(tangent, bounds)))
 
 
 def _softened(points: Floats) -> Floats:
@@ -141,8 +140,7 @@ def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
     offset = _middle(mean, seen & used[:, None])
     left = np.array([np.average(m, weights=s + 1e-9) for m, s in zip(mean - offset, sums[:, 0], strict=True)])
     first, second = (sums[:, k].sum(axis=1) / np.maximum(total, 1e-9) for k in (1, 2))
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    moved = replace(c, points=c.points + offset[:, None] * normal)
+    moved = replace(c, points=c.points + offset[:, None] * np.column_stack([-tangent[:, 1], tangent[:, 0]]))
     return Fit(moved, left, np.sqrt(np.maximum(second - first**2, 0.0)))
 
 

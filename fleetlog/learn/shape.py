@@ -46,8 +46,7 @@ def _pruned(chains: list[Chain], spur: float) -> list[Chain]:
         at = ends(chains)
         shortest: dict[int, int] = {}
         for k, c in sorted(enumerate(chains), key=lambda one: one[1].length):
-            loose = len(at[c.start]) == 1 or len(at[c.end]) == 1 or c.start == c.end
-            if loose and c.length < spur:
+            if c.length < spur and (len(at[c.start]) == 1 or len(at[c.end]) == 1 or c.start == c.end):
                 shortest.setdefault(c.start if len(at[c.start]) > 1 else c.end, k)
         gone = set(shortest.values())
         chains = joined([c for k, c in enumerate(chains) if k not in gone])

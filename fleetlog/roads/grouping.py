@@ -53,8 +53,7 @@ def _usual_speed(track: Track, noise: float) -> float:
 def sample(track: Track, groups: int, noise: float) -> Track:
     """About ``groups`` groups' worth of rows in up to eight runs, each a chain of its own."""
     runs, n = 8, len(track.t)
-    rows = groups * max(1, round(group_span(track, noise) / track.interval))
-    if rows >= n:
+    if (rows := groups * max(1, round(group_span(track, noise) / track.interval))) >= n:
         return track
     starts = np.linspace(0, n - rows // runs, runs).astype(int)
     index = np.concatenate([np.arange(s, s + rows // runs) for s in starts])
@@ -142,8 +141,7 @@ def _mean(values: Floats, first: Ints) -> Floats:
 
 def _axis(heading: Floats, first: Ints) -> Floats:
     """(2, G) mean cosine and sine of twice the heading; 0 where no row of a group knows it."""
-    known = np.isfinite(heading)
-    if not known.any():
+    if not (known := np.isfinite(heading)).any():
         return np.zeros((2, len(first) - 1))
     parts = np.vstack([known, np.where(known, [np.cos(2.0 * heading), np.sin(2.0 * heading)], 0.0)])
     count, *axis = np.add.reduceat(parts, first[:-1], axis=1)

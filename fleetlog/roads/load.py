@@ -105,14 +105,12 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
     if not (head := read_head(path, HEAD, SiteError)).strip():
         raise SiteError("the file is empty", where=path, do="give a map")
     suffix, known = Path(path.name.lower().removesuffix(".gz")).suffix, readers().values()
-    found = [r for r in known if r.knows(head)] or [r for r in known if suffix in r.suffixes]
-    if not found:
+    if not (found := [r for r in known if r.knows(head)] or [r for r in known if suffix in r.suffixes]):
         suffixes = ", ".join(sorted({s for r in known for s in r.suffixes}))
         raise SiteError("not a map of a known format", where=path, do=f"known are {suffixes}")
-    # Two formats can share an opening; the suffix then decides.
-    reader = next((r for r in found if suffix in r.suffixes), found[0])
     with at(where=path):
-        return reader.read(path, options or MapOptions())
+        # Two formats can share an opening; the suffix then decides.
+        return next((r for r in found if suffix in r.suffixes), found[0]).read(path, options or MapOptions())
 
 
 def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
@@ -230,8 +228,7 @@ def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[RoadMap, Frame | 
         frame = frame_at(earth, float(east), float(north), max(1.0, float((high - low).max()) / 2.0))
         frame = frame if abs(frame.rotation) > 1e-9 else replace(frame, rotation=0.0)
     x, y = frame.to_local(latitude, longitude)
-    moved = float(np.hypot(x - points[:, 0], y - points[:, 1]).max())
-    if moved <= SAME:
+    if (moved := float(np.hypot(x - points[:, 0], y - points[:, 1]).max())) <= SAME:
         return road_map, frame, []
     how = "coordinates are brought from the map's projection into the site frame"
     return _moved(road_map, x, y), frame, [f"{how}; the largest change is {moved:.2f} m"]

@@ -120,8 +120,7 @@ def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
     """From the distance to the nearest road [m], too small among dense roads: the iteration mends it."""
     groups = grouping.group_track(track, noise, max(noise, 1.0))
     near = prepared.candidates(groups.x, groups.y, 60.0, 0.0)
-    some = np.diff(near.ptr) > 0
-    if not some.any():
+    if not (some := np.diff(near.ptr) > 0).any():
         return max(noise, 5.0)
     usual = np.median(np.abs(near.lateral[near.ptr[:-1][some]]))
     return float(np.clip(1.4826 * usual, max(0.3, 0.5 * noise), 20.0))
@@ -140,8 +139,7 @@ def _from_residuals(groups: Groups, prepared: Prepared, p: MatchParameters) -> d
     out = {"sigma": sigma}
     pair = np.flatnonzero(choice.linked & ~groups.still)
     pair = pair[on[pair] & on[pair - 1] & ~groups.still[pair - 1]]
-    same = pair[edge[pair] == edge[pair - 1]]
-    if len(same) >= 8:
+    if len(same := pair[edge[pair] == edge[pair - 1]]) >= 8:
         off = np.abs(along[same] - along[same - 1] - groups.moved[same - 1])
         out["beta"] = float(np.clip(np.mean(np.minimum(off, 8.0 * p.beta)), 0.2, 30.0))
         a, b = (np.clip(lateral[k], -3 * sigma, 3 * sigma) for k in (same, same - 1))
@@ -226,8 +224,7 @@ def _reasons(
 
 def _nothing(n: int, parameters: MatchParameters) -> Match:
     nan, none = np.full(n, np.nan), np.zeros(n, np.uint8)
-    reason = np.full(n, NO_POSITION, np.uint8)
-    edge = np.full(n, -1, np.int32)
+    edge, reason = np.full(n, -1, np.int32), np.full(n, NO_POSITION, np.uint8)
     return Match(edge, nan, nan.copy(), np.ones(n), reason, none, np.zeros(n, bool), parameters)
 
 

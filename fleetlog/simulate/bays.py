@@ -98,8 +98,7 @@ class BayMaker:
     def _try(self, place: Place, lane: int, at: float, shift: float, both: bool) -> Door | None:
         # Lanes of one road lie beside its centre line all along, by the same distance.
         middle = (self.track.first[lane] + self.track.first[lane + 1]) // 2
-        two_lanes = abs(float(self.track.lateral[middle])) > 0.3
-        sides = (self.side,) if two_lanes else (self.side, -self.side)
+        sides = (self.side,) if abs(self.track.lateral[middle]) > 0.3 else (self.side, -self.side)
         for radius in self.radii:
             for centre in (at - shift, at + shift) if shift else (at,):
                 if both and not self.from_both(lane, centre, self.radii[-1]):
@@ -206,8 +205,7 @@ def _drawn(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
     if not kinds & {"pick", "drop"}:
         made = auto_places(maker, max(12, 2 * vehicles), ("pick", "drop"))
         notes.append(f"the site has no pick or drop place: {count(made, 'spot')} drawn along its roads")
-    free = sum(b.place.kind != "charge" for b in maker.bays)
-    if free < 2 * vehicles + 2:
+    if (free := sum(b.place.kind != "charge" for b in maker.bays)) < 2 * vehicles + 2:
         made = auto_places(maker, 2 * vehicles + 2 - free, ("park",), "spot")
         more = f"{count(made, 'further parking spot')} drawn along the roads for {count(vehicles, 'truck')}"
         notes += [more] if made else []

@@ -120,8 +120,7 @@ def like(
     if same and any(v.next >= 0 for v in visits):
         notes.append(f"trucks choose their next place as after {count(len(visits), 'recorded visit')}")
         return site, Demand(visits=visits, stands=along, endless=False), notes
-    known = carried(stands, cluster, names)
-    if not known:
+    if not (known := carried(stands, cluster, names)):
         notes.append("the recording shows no load carried between two places: tasks are random")
         return site, Demand(), notes
     day = float(start % 86_400_000_000) * 1e-6
@@ -144,16 +143,12 @@ def visits_of(
     carried = (stands.before > MIN_LOAD_CHANGE) & (stands.after > MIN_LOAD_CHANGE)
     left_out = np.isin(cluster, [k for k, name in enumerate(names) if name in set(apart)])
     kept = np.flatnonzero((cluster >= 0) & ~carried & ~left_out)
-    same = np.append(np.diff(stands.vehicle[kept]) == 0, False)
+    same = np.append(np.diff(stands.vehicle[kept]) == 0, False)[: len(kept)]
+    onward = np.where(same, np.arange(1, len(kept) + 1), -1).tolist()
     begin, before = (stands.start[kept] * 1e-6) % DAY, np.append(-1, kept[:-1]) + 1
-    return tuple(
-        Visit(
-            names[cluster[i]], float(begin[k]), float(stands.dwell[i]), float(stands.height[i]),
-            float(taken[i]), k + 1 if same[k] else -1,
-            tuple(itertools.chain(*ways[before[k] : i + 1])),
-        )
-        for k, i in enumerate(kept)
-    )  # fmt: skip
+    numbers = np.array([begin, stands.dwell[kept], stands.height[kept], taken[kept]]).tolist()
+    over = (tuple(itertools.chain(*ways[a : i + 1])) for a, i in zip(before, kept, strict=False))
+    return tuple(map(Visit, [names[k] for k in cluster[kept]], *numbers, onward, over))
 
 
 def driven_edges(dataset: Dataset, stands: Stands) -> list[tuple[str, ...]]:
@@ -278,8 +273,7 @@ def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:
         "max_deceleration": _typical(-change / PLAN, slow & (change < -CHANGES), motion.dt),
         "max_lateral_acceleration": _in_turns(motion, track),
     }
-    known = {name: value for name, value in asked.items() if value is not None}
-    return replace(truck, drive=replace(truck.drive, **known))
+    return replace(truck, drive=replace(truck.drive, **{n: v for n, v in asked.items() if v is not None}))
 
 
 def _in_turns(motion: Motion, track: Track) -> float | None:

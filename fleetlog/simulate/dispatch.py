@@ -142,8 +142,7 @@ class Dispatcher(Occupancy):
     def _visit(self, v: int, now: float) -> Visit | None:
         """Where a truck goes on to as recorded ones did; None while it waits for a place there."""
         assert self.itineraries is not None
-        visit = self.itineraries.next(v, now, lambda place: self._open(place, v))
-        if visit is None:
+        if (visit := self.itineraries.next(v, now, lambda place: self._open(place, v))) is None:
             self._wait_for(v, [b for place in self.itineraries.places(v) for b in self.bays_of[place]], now)
         return visit
 
@@ -170,8 +169,7 @@ class Dispatcher(Occupancy):
                 return
             dwell, height = (job.task.dwell[0], visit.dwell), (job.task.height[0], visit.height)
             job.task = replace(job.task, target=visit.place, dwell=dwell, height=height)
-        target = job.task.target or self._free_place("drop", job.task.ranks)
-        if target is None:
+        if (target := job.task.target or self._free_place("drop", job.task.ranks)) is None:
             self._wait_for(v, self.working["drop"].tolist(), now)
             return
         self._to_place(v, target, "bring", now)
@@ -183,8 +181,7 @@ class Dispatcher(Occupancy):
             job.stage, job.goal = stage, int(self.home[v])
             self._parked(v, now)
             return
-        free = [b for b in bays if self.owner[b] < 0]
-        if free:
+        if free := [b for b in bays if self.owner[b] < 0]:
             own = self.itineraries.visits[self.itineraries.of[v]].way if self.itineraries else ()
             self._go(v, min(free, key=lambda b: self._cost(v, b)) if free[1:] else free[0], stage, own)
         else:
@@ -209,18 +206,15 @@ class Dispatcher(Occupancy):
         has_time = self.resting or not self.demand.endless  # Between endless tasks there are seconds
         if has_time and self.soc[v] < self.policy.chance and self._wants_charge(v):
             return
-        stays = self.demand.endless or self.kind[self.home[v]] == "park"
-        if not stays and now - self.jobs[v].since > ASIDE:
-            spare = self._spare_bay(v, only_park=True)
-            if spare is not None:
-                self._go(v, spare, "park")
+        stays = self.demand.endless or self.kind[self.home[v]] == "park" or now - self.jobs[v].since <= ASIDE
+        if not stays and (spare := self._spare_bay(v, only_park=True)) is not None:
+            self._go(v, spare, "park")
 
     # -- choosing a task
 
     def _new_task(self, v: int, now: float) -> bool:
         job, picks = self.jobs[v], self.working["pick"]
-        task = self._due_task(v, now)
-        if task is not None:
+        if (task := self._due_task(v, now)) is not None:
             self._due.remove(task)
         elif not self.demand.endless:
             return False

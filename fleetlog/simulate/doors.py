@@ -61,16 +61,14 @@ def span(track: Track, j: Junctions, lane: int) -> tuple[float, float]:
 
 def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_width: float) -> Door | None:
     """The spur, an arc of ``radius`` [m], from the opposite lane to a bay; None without room."""
-    lane = int(track.network.reverse[bay.lane])
-    if lane < 0:
+    if (lane := int(track.network.reverse[bay.lane])) < 0:
         return None
     rows = slice(track.first[lane], track.first[lane + 1])
     x, y, heading, _ = bay.path[-1]
     dx, dy = x - track.x[rows], y - track.y[rows]
     c, s = np.cos(track.heading[rows]), np.sin(track.heading[rows])
     along, aside = dx * c + dy * s, dy * c - dx * s
-    fits = (along >= radius) & (np.abs(aside) < DEEPEST)
-    if not fits.any():
+    if not (fits := (along >= radius) & (np.abs(aside) < DEEPEST)).any():
         return None
     nearest = int(np.argmin(np.where(fits, along, np.inf)))
     k, ahead, left = rows.start + nearest, float(along[nearest]), float(aside[nearest])
@@ -140,8 +138,7 @@ def door_beside(
 
 def turning_door(track: Track, junctions: Junctions, truck: Truck, own: Door) -> Door | None:
     """The half turn, a half circle, between where a truck stands and the opposite lane; None without one."""
-    lane = int(track.network.reverse[own.lane])
-    if lane < 0:
+    if (lane := int(track.network.reverse[own.lane])) < 0:
         return None
     rows, stands = slice(track.first[lane], track.first[lane + 1]), own.path[-1, :2]
     k = int(np.argmin(np.hypot(track.x[rows] - stands[0], track.y[rows] - stands[1])))
@@ -194,8 +191,7 @@ def _checked(track: Track, j: Junctions, bays: list[Bay], doors: list[Door], tru
     z = np.concatenate([track.z, floor, floor[bay[number]]])
     owner = np.concatenate([track.owner, pieces + np.arange(len(bays)), pieces + len(bays) + number])
     start, lane = samples + len(bays), np.array([d.lane for d in doors])
-    ask = np.arange(len(x)) >= start
-    a, b = meetings(x, y, z, heading, owner.astype(np.int32), ask, *half_box(truck)).T
+    a, b = meetings(x, y, z, heading, owner.astype(np.int32), np.arange(len(x)) >= start, *half_box(truck)).T
     beside = owner[a] != lane[number[b - start]]
     a, door = a[beside], number[b[beside] - start]
     on_track, crossed = a < samples, owner[a] == near[door]

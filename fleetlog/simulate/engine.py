@@ -82,8 +82,7 @@ def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
     known = {bay.place.id for bay in world.bays}
     demand = replace(demand, visits=at_places(demand.visits, known))
     doable = [t for t in demand.given if {t.source, t.target} <= known]
-    left_out = [t for t in demand.given if not {t.source, t.target} <= known]
-    if not left_out:
+    if not (left_out := [t for t in demand.given if not {t.source, t.target} <= known]):
         return demand, []
     if not doable and not demand.endless:
         source, target = left_out[0].source, left_out[0].target
@@ -115,8 +114,7 @@ class Run:
         dt, n, lanes = settings.step, len(self.names), len(world.track.network)
         self.fleet = new_fleet(n, lanes, len(world.track), len(world.roads.conflict_first) - 1, LONGEST)
         self.second = max(round(1.0 / dt), 1)
-        every = round(settings.interval / dt)
-        unit = int(np.lcm(self.second, every))
+        unit = int(np.lcm(self.second, round(settings.interval / dt)))
         self.steps = unit * max(int(np.ceil(BATCH / dt / unit)), 1)
         self.total = int(np.ceil(settings.duration / dt / self.steps)) * self.steps
         self.log = new_log(n, self.steps)
@@ -139,7 +137,7 @@ class Run:
                 self.batch(step0)
                 progress("simulating", (step0 + self.steps) / self.total)
             self.recorder.flush()
-        summary = self._summary(self.total)
+        summary = self._summary()
         self.events.close(self.total * self.settings.step)
         return summary
 
@@ -173,9 +171,8 @@ class Run:
             f.asks[f.asks == v] = -1
             self.dispatcher.count.empty.append(self.names[v])
 
-    def _summary(self, total: int) -> Summary:
-        d = self.dispatcher
-        notes = list(self.world.notes)
+    def _summary(self) -> Summary:
+        d, total, notes = self.dispatcher, self.total, list(self.world.notes)
         dropped = d.book.numbers("dropped")
         d.count.tasks_given, d.count.tasks_done = len(dropped), int((dropped >= 0.0).sum())
         d.count.tasks_later = len(d.pending)

@@ -60,8 +60,7 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     for lane in range(lanes):
         low, high, step = track.first[lane], track.first[lane + 1], track.spacing[lane]
         begin, end = max(runs(~touched[low:high]), key=lambda run: run[1] - run[0], default=(0, 0))
-        last = min((end - 1) * step, track.length[lane] - STOP)
-        if last >= START:
+        if (last := min((end - 1) * step, track.length[lane] - STOP)) >= START:
             clear[lane], stop[lane] = begin * step, max(last, begin * step)
             resource[low:high] = len(track) + lane
             resource[low : low + begin] += lanes

@@ -117,12 +117,10 @@ class Tally:
         trucks = Resource("trucks", len(d.names), who, busy, float(tasks.sum()) / self.seconds)
         network, count = d.world.track.network, int((self.crossed > 0.0).sum())
         before = np.bincount(network.end, self.before, len(self.names))
-        most, road = (
-            int(np.argmax(before)),
-            int(np.argmax(self.before * (before[network.end] == before.max()))),
-        )
+        most = int(np.argmax(before))
         name = self.names[most] if before[most] else None
         if name and name.startswith("@"):  # The map has no name for it
+            road = np.argmax(self.before * (before[network.end] == before.max()))
             name = f"the end of {network.edge_ids[road]}"
         taken = min(float(self.crossed[most]) / self.seconds, 1.0)
         found += [Resource("junctions", count, name, taken, traffic / self.seconds), trucks]
@@ -200,8 +198,5 @@ class Summary:
             f" {number(c.detours, 'detour')}",
             told_limits(asdict(self.limits)),
         ]
-        if self.one_more:
-            out.append(str(self.one_more["statement"]))
-        if c.empty:
-            out.append(f"battery empty: {', '.join(c.empty)}")
-        return out
+        out += [str(self.one_more["statement"])] if self.one_more else []
+        return out + ([f"battery empty: {', '.join(c.empty)}"] if c.empty else [])

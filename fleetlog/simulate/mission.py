@@ -79,8 +79,7 @@ def _replays(
     if together and network is not None:
         lanes = lane_shift(network, truck, data.site.traffic)
     for vehicle in data.vehicles:
-        recorded = data.read(vehicle)
-        if len(recorded) > 1:
+        if len(recorded := data.read(vehicle)) > 1:
             found = reconstruct(measured_channels(recorded, data.meta), network, truck)
             own = physics.of(vehicle, recorded.time[0] * 1e-6)
             yield VehicleReplay(recorded, found, data.site, own, writer, lanes, temperature)
@@ -88,8 +87,7 @@ def _replays(
 
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
     """Let trucks wait for one another: the share of travel time that they lose; how many were let past."""
-    trips = [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]
-    if not trips:
+    if not (trips := [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]):
         return 0.0, 0
     start = min(r.recorded.time[0] for r in replays)
     clock = [float(r.recorded.time[0] - start) * 1e-6 for r in replays]
@@ -163,8 +161,7 @@ def _met(n: pd.DataFrame, half: tuple[float, float]) -> Ints:
 
     found = [np.zeros((0, 2), np.int64)]
     for begin in np.arange(n.alone.min(), n.alone.max() + 1e-3, WINDOW):
-        own = n[(n.alone >= begin) & (n.alone < begin + 2.0 * WINDOW)]
-        if len(own):
+        if len(own := n[(n.alone >= begin) & (n.alone < begin + 2.0 * WINDOW)]):
             boxes, trucks = own[["x", "y", "heading"]].to_numpy().T.copy(), own.truck.to_numpy(np.int32)
             flat, every = np.zeros(len(own)), np.ones(len(own), bool)
             touch = meetings(boxes[0], boxes[1], flat, boxes[2], trucks, every, *half)

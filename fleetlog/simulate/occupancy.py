@@ -82,8 +82,7 @@ class Occupancy(Untangler):
         bays = np.flatnonzero(self.kind != "charge").tolist()
         order = sorted(bays, key=lambda b: bool(self.kind[b] != "park"))
         for v in range(len(self.jobs)):
-            own = self.bays_of.get(wanted(v) or "", ())
-            b = next(b for b in (*own, *order) if self.owner[b] < 0)
+            b = next(b for b in (*self.bays_of.get(wanted(v) or "", ()), *order) if self.owner[b] < 0)
             self.fleet.door[v] = self.home[v] = b
             self.fleet.spur[v] = self.world.bays[b].door.length
             self.owner[b] = v
@@ -127,15 +126,13 @@ class Occupancy(Untangler):
     # -- making room
 
     def _spare_bay(self, v: int, only_park: bool = False) -> int | None:
-        free = np.flatnonzero((self.owner < 0) & (self.kind == "park"))
-        if not len(free) and not only_park:
+        if not len(free := np.flatnonzero((self.owner < 0) & (self.kind == "park"))) and not only_park:
             free = np.flatnonzero((self.owner < 0) & (self.kind != "charge"))
         return int(free[np.argmin(self._gaps(free, v))]) if len(free) else None
 
     def _make_room(self, v: int) -> bool:
         """Let a truck go to the nearest spare bay, if there is one."""
-        spare = self._spare_bay(v)
-        if spare is not None:
+        if (spare := self._spare_bay(v)) is not None:
             self.count.made_room += 1
             self._go(v, spare, "park")
         return spare is not None
@@ -159,8 +156,7 @@ class Occupancy(Untangler):
 
     def _wants_charge(self, v: int) -> bool:
         """Queue for a charger; False where the site has none for this truck."""
-        suits = any(self._suits(v, b) for b in self.chargers)
-        if suits and v not in self.queue:
+        if (suits := any(self._suits(v, b) for b in self.chargers)) and v not in self.queue:
             self.queue.append(v)
         return suits
 

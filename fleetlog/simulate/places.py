@@ -69,8 +69,7 @@ def find_stands(dataset: Dataset) -> Stands:
 
     code = {v: float(i) for i, v in enumerate(dataset.vehicles)}
     days = each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
-    found = [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]
-    if not found:
+    if not (found := [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]):
         raise DataError("the dataset has no rows", where=dataset.path)
     t = pd.DataFrame(np.concatenate(found), columns=[*(names := [f.name for f in fields(Stands)]), *ENDS])
     # A truck that stands at midnight stands once.
@@ -183,8 +182,7 @@ def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
     """The site with the mined places that it does not have yet; and the place of every row of ``table``."""
     places, names = list(site.places), []
     for first, kind, x, y in table[["place", "kind", "x", "y"]].itertuples(index=False, name=None):
-        gaps = [float(np.hypot(p.x - x, p.y - y)) for p in site.places]
-        if gaps and min(gaps) <= KNOWN:
+        if (gaps := [float(np.hypot(p.x - x, p.y - y)) for p in site.places]) and min(gaps) <= KNOWN:
             names.append(site.places[int(np.argmin(gaps))].id)
             continue
         name = str(first)
@@ -207,8 +205,7 @@ def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Si
         time = np.concatenate([stands.start[mine], stands.end[mine]])
         step = np.repeat([1, -1], mine.sum())
         # Who leaves as another comes makes room for it.
-        together = np.cumsum(step[np.lexsort((step, time))])
-        most[name] = max(most.get(name, 1), int(together.max(initial=1)))
+        most[name] = max(most.get(name, 1), int(np.cumsum(step[np.lexsort((step, time))]).max(initial=1)))
     seen = {p.id: 0 if p.kind == "charge" else most.get(p.id, 1) for p in site.places}
     swap = {p.id: swap[p.id] if p.id in swap and np.isnan(p.power) else p.swap for p in site.places}
     places = (replace(p, plugs=max(p.plugs, seen[p.id]), swap=swap[p.id]) for p in site.places)

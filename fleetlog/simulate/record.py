@@ -88,8 +88,7 @@ class Meter:
             motion.time[:: steps + 1], motion.speed[:: steps + 1] = self.moved[which], 1.0
             self.moved[which] = np.where(speed > 0.0, time, self.moved[which, None]).max(axis=1)
         power = battery_power(motion, physics).reshape(trucks, -1)[:, -steps:]
-        charging = log.mode == Mode.CHARGING
-        if charging.any():
+        if (charging := log.mode == Mode.CHARGING).any():
             power = power - np.where(charging, self.share * self._charge_power(bay, which)[:, None], 0.0)
         power[log.mode == Mode.EMPTY] = 0.0
         self.used += float(power[~charging].sum()) * self.dt / 3600.0
@@ -141,8 +140,7 @@ class Recorder:
     ) -> None:  # fmt: skip
         self.writer, self.names, self.edges = writer, names, world.track.network.edge_ids
         flat, nominal = not np.any(world.ground.z), settings.battery is None
-        unknown = ("z",) * flat + MEANS[1:] * nominal
-        self.columns = tuple(c for c in DIGITS if c not in unknown)
+        self.columns = tuple(c for c in DIGITS if c not in ("z",) * flat + MEANS[1:] * nominal)
         every, dt = round(settings.interval / settings.step), round(settings.step * 1e6)
         self.every, self.interval, self.start = every, every * dt, settings.start + every // 2 * dt
         trucks, batches = len(names), total // steps

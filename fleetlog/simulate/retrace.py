@@ -138,8 +138,7 @@ class VehicleReplay:
         # Near a recorded row, or on the way: where the log was silent overnight, so is the replay.
         k = np.clip(np.searchsorted(self.time, rows), 1, len(self.time) - 1)
         near = np.minimum(np.abs(rows - self.time[k - 1]), np.abs(rows - self.time[k])) <= MAX_GAP / 2.0
-        rows = rows[near | ((rows >= leave) & (rows <= arrival))]
-        if not len(rows):
+        if not len(rows := rows[near | ((rows >= leave) & (rows <= arrival))]):
             return
         steps = max(round(self.interval / FINE), 1)
         fine = (rows[:, None] + ((np.arange(steps) + 0.5) / steps - 0.5) * self.interval).ravel()
@@ -237,8 +236,7 @@ def charging_power(rows: Trajectory, capacity_wh: float) -> Floats:
 
 def strip() -> Site:
     """Thirty metres of two-way floor."""
-    points = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
-    edge = Edge("strip", "a", "b", points, "strip", width=4.0)
+    edge = Edge("strip", "a", "b", np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]]), "strip", width=4.0)
     return Site("test strip", network=build_network([edge, reversed_edge(edge)]))
 
 

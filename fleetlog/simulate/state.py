@@ -204,8 +204,7 @@ class Trucks:
     def given(cls, trucks: Truck | Sequence[Truck], vehicles: int) -> Trucks:
         """One truck a vehicle; of one truck alone as many as there are, the last of them its ``others``."""
         if isinstance(trucks, Truck):
-            others = [truck for truck, count in trucks.others for _ in range(count)]
-            if len(others) > vehicles:
+            if len(others := [truck for truck, count in trucks.others for _ in range(count)]) > vehicles:
                 what = f"trucks of other types ({len(others)}) are more than the vehicles ({vehicles})"
                 do = "ask for more with --vehicles, or for fewer in the truck's [[fleet]]"
                 raise DataError(what, do=do)

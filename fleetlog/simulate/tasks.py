@@ -140,8 +140,7 @@ def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generato
         raise InputError(f"from and to are both {row['to']!r}", do="name two places")
     payload = _number(row, "payload", 0.5 * truck.chassis.rated_load)
     earliest = _number(row, "earliest", 0.0, start)
-    given = (row.get("vehicle") or "").strip()
-    vehicle = given if given not in ("", "any") else None
+    vehicle = given if (given := (row.get("vehicle") or "").strip()) not in ("", "any") else None
     return Task(vehicle, row["from"], row["to"], payload, earliest, *random_visits(rng))
 
 
@@ -162,12 +161,10 @@ def check_doable(tasks: Sequence[Task], loads: Mapping[str, float]) -> None:
         if task.vehicle is not None and task.vehicle not in loads:
             what = f"a task is for vehicle {task.vehicle!r}, which is not simulated"
             raise InputError(what, do=nearest(task.vehicle, loads))
-        most = strongest if task.vehicle is None else loads[task.vehicle]
+        most, who = strongest if task.vehicle is None else loads[task.vehicle], task.vehicle or "a truck"
         if task.payload > most:
-            what = (
-                f"a load of {task.payload:g} kg is more than the {most:g} kg that {task.vehicle or 'a truck'}"
-            )
-            raise InputError(f"{what} carries", do="split the load or take a stronger truck")
+            what = f"a load of {task.payload:g} kg is more than the {most:g} kg that {who} carries"
+            raise InputError(what, do="split the load or take a stronger truck")
 
 
 class TaskBook:

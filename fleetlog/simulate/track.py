@@ -41,8 +41,7 @@ def simplified(points: Floats) -> Floats:
 
 def rounded(points: Floats, radius: float) -> Floats:
     """The (n, 2) polyline, corners rounded with ``radius`` or more as far as the legs are long enough."""
-    points = simplified(points)
-    if len(points) < 3:
+    if len(points := simplified(points)) < 3:
         return points
     out = [points[:1]]
     leg = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -224,8 +223,7 @@ def assemble(
 def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floats]:
     """(E,) metres cut from the start and from the end of every lane to make room for the turns."""
     every = np.arange(len(network), dtype=np.int32)
-    leave = network.heading(every, network.length)
-    enter = network.heading(every, np.zeros(len(network)))
+    leave, enter = network.heading(every, network.length), network.heading(every, np.zeros(len(network)))
     owner = np.repeat(every, np.diff(network.next_first))
     turn = np.abs(np.angle(np.exp(1j * (enter[network.next_edges] - leave[owner]))))
     wide = radius + np.maximum(shift[owner], shift[network.next_edges])

@@ -175,10 +175,9 @@ class Untangler:
         if round(now) % 10 == 0:
             self._reroute()
         for v in np.flatnonzero((f.mode == Mode.AT_BAY) | (f.mode == Mode.WANTS_OUT)).tolist():
-            since = max(float(f.waits[v]), self._changed.get(v, 0.0))
             # Twice as long at each door: on a full lane others need time to make room.
             patience = PASS if f.mode[v] == Mode.AT_BAY else max(CHANGE, 0.5 * (now - float(f.waits[v])))
-            if now - since > patience:
+            if now - max(float(f.waits[v]), self._changed.get(v, 0.0)) > patience:
                 self._changed[v] = now
                 self._other_door(v)
         stuck: list[int] = np.flatnonzero(self.watch.still(now) > STUCK).tolist()
@@ -209,8 +208,7 @@ class Untangler:
         for v in comes[may & (queue[following[comes]] > 0)].tolist():
             way, at, door = f.route[v, f.at[v] : f.last[v] + 1], float(f.s[v]), int(f.door[v])
             most = np.inf if following[v] in shut else ways.rest(way, at, door) - TURN_TIME
-            new = ways.onward(int(way[0]), at, self.world.doors[door].bay, shut, most)
-            if new is not None:
+            if (new := ways.onward(int(way[0]), at, self.world.doors[door].bay, shut, most)) is not None:
                 self._take(v, new)
                 self.count.detours += 1
 

@@ -43,8 +43,7 @@ def parts(network: Network) -> Ints:
 
 def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Mask:
     """(E,) the strongly connected part with most places, then longest; ``wanted``: edges near places."""
-    label = parts(network)
-    if (label < 0).all():
+    if ((label := parts(network)) < 0).all():
         return np.zeros(len(network), dtype=bool)
     length = np.bincount(label[label >= 0], network.length[label >= 0])
     score = length / (length.sum() + 1.0)
@@ -52,20 +51,6 @@ def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Mask:
         near = np.unique(label[edges])
         score[near[near >= 0]] += 1.0
     return np.asarray(label == int(np.argmax(score)))
-
-
-def turning_round(network: Network) -> tuple[Network, int]:
-    """The network with turns from lanes that lead nowhere to opposite lanes that begin there; how many."""
-    every = np.arange(len(network), dtype=np.int32)
-    leave, enter = network.heading(every, network.length), network.heading(every, np.zeros(len(network)))
-    starts, ends = network.points[network.first[:-1]], network.points[network.first[1:] - 1]
-    entered = np.isin(every, network.next_edges)
-    turns = []
-    for i in np.flatnonzero(np.diff(network.next_first) == 0).tolist():
-        near = np.linalg.norm(starts - ends[i], axis=1) <= TURN_REACH
-        back = np.abs(np.angle(np.exp(1j * (enter - leave[i])))) > OPPOSITE
-        turns += [(i, int(k)) for k in np.flatnonzero(~entered & near & back)]
-    return with_turns(network, turns), len({i for i, _ in turns})
 
 
 def with_turns(network: Network, turns: Iterable[tuple[int, int]]) -> Network:
@@ -96,11 +81,20 @@ def _half_turns(dataset: Dataset, vehicle: str, date: str) -> Ints:
 
 
 def with_loops(site: Site) -> tuple[Site, list[str]]:
-    """The site, with turning round at open ends where its map has no closed loop; and notes on it."""
+    """The site, with turning round at open ends where its map has no closed loop; and notes on it.
+    Turns lead from lanes that lead nowhere to opposite lanes that begin there."""
     network = site.roads()
     if (parts(network) >= 0).any():
         return site, []
-    network, count = turning_round(network)
+    every = np.arange(len(network), dtype=np.int32)
+    leave, enter = network.heading(every, network.length), network.heading(every, np.zeros(len(network)))
+    starts, ends = network.points[network.first[:-1]], network.points[network.first[1:] - 1]
+    entered, turns = np.isin(every, network.next_edges), list[tuple[int, int]]()
+    for i in np.flatnonzero(np.diff(network.next_first) == 0).tolist():
+        near = np.linalg.norm(starts - ends[i], axis=1) <= TURN_REACH
+        back = np.abs(np.angle(np.exp(1j * (enter - leave[i])))) > OPPOSITE
+        turns += [(i, int(k)) for k in np.flatnonzero(~entered & near & back)]
+    network, count = with_turns(network, turns), len({i for i, _ in turns})
     if (parts(network) < 0).all():
         what = f"{NO_WAY_BACK}: a truck that leaves a place could not return"
         raise SiteError(what, do="join the ends of the lanes, or draw roads in both directions")

@@ -133,8 +133,7 @@ def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: floa
         low, step, ends = s[:-1], np.diff(s), points(s)
         between = (points(low + share * step) for share in (0.25, 0.5, 0.75))
         gaps = [distance_to_segment(inner, ends[:-1], ends[1:]) for inner in between]
-        coarse = np.max(gaps, axis=0) > tolerance
-        if not coarse.any():
+        if not (coarse := np.max(gaps, axis=0) > tolerance).any():
             break
         if len(s) > MOST:
             raise SiteError(f"one line of it needs more than {MOST:,} vertices", do="correct the map")

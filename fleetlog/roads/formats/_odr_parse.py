@@ -89,8 +89,7 @@ def parse_road(element: Element) -> Road | None:
     length = min(number(element.get("length"), "length"), plan.pieces[-1].s + plan.pieces[-1].length)
     if not 0.0 < length <= LONGEST:
         raise SiteError(f"length is {length:g} m", do=AGAIN)
-    rule = element.get("rule")
-    if rule not in (None, "RHT", "LHT"):
+    if (rule := element.get("rule")) not in (None, "RHT", "LHT"):
         raise SiteError(f"rule is {rule!r}", do="write RHT or LHT")
     profiles = ("elevationProfile/elevation", "lateralProfile/superelevation", "lanes/laneOffset")
     heights, rolls, offset = (_cubics(element.iterfind(profile)) for profile in profiles)
@@ -111,8 +110,7 @@ def _piece(element: Element) -> geo.Piece:
         s, x, y, heading, length = _floats(element, "s", "x", "y", "hdg", "length")
         if not 0.0 <= length <= LONGEST:
             raise SiteError(f"length is {length:g} m", do=AGAIN)
-        shape = next((child for child in element if child.tag in _SHAPES), None)
-        if shape is None:
+        if (shape := next((child for child in element if child.tag in _SHAPES), None)) is None:
             raise SiteError("a geometry has no known shape", do=f"known are {', '.join(_SHAPES)}")
         return geo.Piece(s, x, y, heading, length, _SHAPES[str(shape.tag)](shape, max(length, 1e-9)))
 
@@ -126,8 +124,7 @@ def _bend(element: Element, length: float, *names: str) -> geo.Curve:
 
 def _param_poly3(e: Element, length: float) -> geo.Curve:
     u, v = (np.array(_floats(e, *(f"{c}{axis}" for c in "abcd"))) for axis in "UV")
-    kind = e.get("pRange", "normalized")
-    if kind not in ("arcLength", "normalized"):
+    if (kind := e.get("pRange", "normalized")) not in ("arcLength", "normalized"):
         raise SiteError(f"pRange is {kind!r}", do="write arcLength or normalized")
     if not (np.any(u[1:]) or np.any(v[1:])):
         raise SiteError("a paramPoly3 does not leave its start", do=AGAIN)
@@ -150,8 +147,7 @@ def _cubics(elements: Iterable[Element], key: str = "s", add: float = 0.0) -> ge
 
 def _sections(lanes: Element, length: float) -> Iterator[Section]:
     elements = lanes.findall("laneSection")
-    starts = [_floats(e, "s")[0] for e in elements]
-    if starts != sorted(starts):
+    if (starts := [_floats(e, "s")[0] for e in elements]) != sorted(starts):
         raise SiteError("its lane sections run backwards in s", do=AGAIN)
     for k, (element, (start, end)) in enumerate(zip(elements, pairwise([*starts, length]), strict=True)):
         with at(f"lane section {k}"):
@@ -160,8 +156,7 @@ def _sections(lanes: Element, length: float) -> Iterator[Section]:
 
 def _lanes(section: Element, start: float) -> dict[int, Lane]:
     lanes = [_lane(element, start) for element in section.iterfind("*/lane")]
-    out = {lane.id: lane for lane in lanes}
-    if len(out) < len(lanes):
+    if len(out := {lane.id: lane for lane in lanes}) < len(lanes):
         raise SiteError("two lanes have one id", do=AGAIN)
     if len(out) > MOST_LANES:
         raise SiteError(f"it has {len(out):,} lanes", do=AGAIN)
@@ -182,8 +177,7 @@ def _lane(e: Element, start: float) -> Lane:
 
 
 def _whole(text: Any) -> int:
-    value = number(text, "lane id")
-    if value != int(value):
+    if (value := number(text, "lane id")) != int(value):
         raise SiteError(f"{text!r} is not a lane id", do=AGAIN)
     return int(value)
 
@@ -193,15 +187,13 @@ def _speed(element: Element | None) -> float:
     text = "" if element is None else (element.get("max") or "").strip()
     if element is None or text in ("no limit", "undefined", ""):
         return math.nan
-    unit = (element.get("unit") or "m/s").strip()
-    value = number(text, "speed") * SPEED_UNITS.get(unit, 1.0)
+    value = number(text, "speed") * SPEED_UNITS.get((element.get("unit") or "m/s").strip(), 1.0)
     # Exporters write a limit that they do not know as 0 or as a huge number.
     return value if 0.0 < value < 200.0 else math.nan
 
 
 def contact(element: Element) -> End | None:
     """The contact point of a link, None where it has none."""
-    text = element.get("contactPoint")
-    if text not in (None, *ENDS):
+    if (text := element.get("contactPoint")) not in (None, *ENDS):
         raise SiteError(f"contactPoint is {text!r}", do="write start or end")
     return next((end for end in ENDS if end == text), None)

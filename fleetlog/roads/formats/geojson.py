@@ -48,8 +48,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
 
 def _document(path: Path) -> list[Any]:
     data = read_json(path)
-    kind = data.get("type") if isinstance(data, dict) else None
-    if kind == "Feature":
+    if (kind := data.get("type") if isinstance(data, dict) else None) == "Feature":
         return [data]
     if kind != "FeatureCollection" or not isinstance(data.get("features"), list):
         raise SiteError("is not a FeatureCollection", do="write the roads as RFC 7946 GeoJSON")

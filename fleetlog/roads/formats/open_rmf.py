@@ -91,8 +91,7 @@ def _earth(top: dict[str, Any], edges: list[Edge]) -> Inverse | None:
 
 def _overlaid(levels: dict[str, Level], top: dict[str, Any]) -> dict[str, tuple[complex, complex]]:
     """How the pixels of each level with lanes lie in metres, as factor and shift of complex numbers."""
-    base = str(top.get("reference_level_name", next(iter(levels))))
-    if base not in levels:
+    if (base := str(top.get("reference_level_name", next(iter(levels))))) not in levels:
         raise SiteError(f"there is no level {base!r}", place="reference_level_name", do="correct the file")
     marks: dict[str, dict[str, complex]] = {}
     for name, level in levels.items():

@@ -50,14 +50,13 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     if root.find(".//include") is not None:
         tally.notes.append("included files are not read")
     _add_lanes(roads, options, tally)
-    allowed = connect(roads, root.findall("junction"), tally)
     rules = [road.rule for road in roads.values() if road.rule]
     nothing = f"no driven lane in it; lanes read: {tally.read}"
     do = "name the driven types as lane_types under [network] in a site.toml"
     return tally.road_map(
         f"OpenDRIVE {version} ({count(len(roads), 'road')}, counted lane by lane)", nothing, do,
         traffic=("left" if 2 * rules.count("LHT") > len(rules) else "right") if rules else None,
-        turns=allowed, geographic_of=_earth(root, tally.notes),
+        turns=connect(roads, root.findall("junction"), tally), geographic_of=_earth(root, tally.notes),
         has_elevation=any(len(road.elevation.starts) for road in roads.values()),
     )  # fmt: skip
 
@@ -109,8 +108,7 @@ def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Itera
     # The limit on the greatest part of the section, the lane's or else the road's.
     limit, longest = math.nan, 0.0
     for (s, speed), (until, _) in pairwise([*sorted(lane.speeds or road.speeds), (math.inf, math.nan)]):
-        part = min(until, section.end) - max(s, section.start)
-        if part > longest + 1e-9:
+        if (part := min(until, section.end) - max(s, section.start)) > longest + 1e-9:
             limit, longest = speed, part
     low, high = (str(LaneEnd(road.id, k, lane.id, end)) for end in ENDS)
     for edge_id, forward in zip((name, reverse_id(name)), _directions(lane, left), strict=False):
@@ -189,8 +187,7 @@ def _earth(root: Element, notes: list[str]) -> Inverse | None:
     def inverse(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         return geographic(plain, *shifted.to_site(x, y))
 
-    why = _no_place(plain)
-    if not why and not np.isfinite(inverse(np.zeros(1), np.zeros(1))).all():
+    if not (why := _no_place(plain)) and not np.isfinite(inverse(np.zeros(1), np.zeros(1))).all():
         why = "the geoReference does not reach the map's coordinates"
     if why:
         notes.append(f"{why}, so the map has no place on earth; state [frame] in a site.toml to give it one")

@@ -36,8 +36,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
             there, back = (number(element.get(k, "0")) * MILLI for k in ("maxVelocity", "maxReverseVelocity"))
             edge = Edge(name, start, end, np.array([spots[start], spots[end]]), name, there or math.nan)
             directions = [edge] if there > 0.0 or back <= 0.0 else []
-            if back > 0.0:
-                directions.append(replace(reversed_edge(edge), speed_limit=back))
+            directions += [replace(reversed_edge(edge), speed_limit=back)] if back > 0.0 else []
             if element.get("locked") == "true":
                 tally.dropped["locked"] += 1
             else:

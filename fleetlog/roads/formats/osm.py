@@ -72,8 +72,7 @@ def _ways(root: Element, driven: frozenset[str], spots: Spots, tally: Tally) -> 
         nodes = [str(nd.get("ref")) for nd in element.iterfind("nd")]
         chain = [n for n, _ in groupby(n for n in nodes if n in spots)]
         cut += not spots.keys() >= set(nodes)
-        reason = _reason(tags, driven) or ("" if len(set(chain)) > 1 else "without nodes in the file")
-        if reason:
+        if reason := _reason(tags, driven) or ("" if len(set(chain)) > 1 else "without nodes in the file"):
             tally.dropped[reason] += 1
         else:
             out.append((str(element.get("id")), chain, tags))
@@ -87,8 +86,7 @@ def _reason(tags: Tags, driven: frozenset[str]) -> str:
         return f"class {tags['highway']}"
     if tags.get("area") == "yes":
         return "area"
-    closed = "no" in (tags.get("access"), tags.get("vehicle"), tags.get("motor_vehicle"))
-    return "closed to traffic" if closed else ""
+    return "closed to traffic" if "no" in map(tags.get, ("access", "vehicle", "motor_vehicle")) else ""
 
 
 def _edges(way: str, chain: list[str], tags: Tags, uses: Counter[str], spots: Spots) -> list[Edge]:
