@@ -11,8 +11,9 @@ from fleetlog.core.result import Marks, Result, Shape
 from fleetlog.core.site import Place, PlaceKind
 from fleetlog.core.words import count, listed
 from fleetlog.simulate.demand import carried
-from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table
+from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset
+from fleetlog.store.days import each_day
 
 KINDS: tuple[PlaceKind, ...] = ("pick", "drop", "park", "charge")
 
@@ -37,7 +38,7 @@ def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whol
     loads = pd.DataFrame([(t.source, t.target, t.payload) for t in tasks], columns=["from", "to", "payload"])
     of = loads.groupby(["from", "to"], as_index=False)
     flows = of.agg(loads=("payload", "size"), payload_mean=("payload", "mean"))
-    weighed = any(day.has("payload") for day in dataset.days(("payload",)))
+    weighed = any(list(each_day(dataset, _weighed, kinds=(Stands,), cost=0.05e-6)))
     kinds = {k: int((table.kind == k).sum()) for k in KINDS}
     summary = {
         "stops": len(stands), "in_places": int((cluster >= 0).sum()), "places": len(table), "kinds": kinds,
@@ -70,3 +71,8 @@ def site_text(places: Sequence[Place]) -> str:
     """The places as ``[[place]]`` tables of a site file."""
     table = '[[place]]\nid = "{0.id}"\nkind = "{0.kind}"\nx = {0.x:.2f}\ny = {0.y:.2f}'
     return "\n".join(map(table.format, places))
+
+
+def _weighed(dataset: Dataset, vehicle: str, date: str) -> bool:
+    """Whether a vehicle-day knows its loads."""
+    return dataset.read(vehicle, date, ("payload",)).has("payload")

@@ -17,6 +17,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, partial, update_wrapper
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -93,7 +94,7 @@ def each_day(
     cost : of a row [s], about.
     joined : the work reads the vehicle's next day, too."""
     days = [d for d in dataset.vehicle_days if not vehicles or d[0] in vehicles]
-    ends = zip(days, [*days[1:], ("", "")], strict=True)
+    ends = zip_longest(days, days[1:], fillvalue=("", ""))
     reads = [(d, after) if joined and d[0] == after[0] else (d,) for d, after in ends]
     parts = [Part(dataset.folder_of(*d[0]), d[0], d) for d in reads]
     yield from each_part(dataset, parts, work, *arguments, kinds=kinds, cost=cost)
