@@ -258,16 +258,15 @@ def answers(f: Facts) -> list[str]:
 
     doing = {"driving": "drove", "handling": "handled loads", "waiting": "waited",
              "standing": "handled or waited (the log does not tell which)", "charging": "charged",
-             "idle": "were idle for"}  # fmt: skip
+             "idle": "idled"}  # fmt: skip
     known = {verb: values[f"{name}_share"] for name, verb in doing.items()}
     said = [f"{verb} {v:.0f} %" for verb, v in known.items() if v >= 0.5]
     trucks = count(len(f.dataset.vehicles), "truck")
     out = [f"In {of('truck_hours')} truck hours, {trucks} {listed(said) or 'did nothing'} of the time."]
     if values["tasks"] > 0.0:
-        out.append(
-            f"The fleet did {of('tasks')} tasks, {of('tasks_per_hour')} per truck hour, "
-            f"and drove {of('km')} km."
-        )
+        partly = f.ledger["load_hours"].sum() < 0.999 * f.ledger["hours"].sum()
+        per = f"{of('tasks_per_hour')} per truck hour{' of those that log loads' * bool(partly)}"
+        out.append(f"The fleet did {of('tasks')} tasks, {per}, and drove {of('km')} km.")
     if values["kwh"] > 0.0:
         k, n = len(f.energy_from), len(f.dataset.vehicles)
         who = "The fleet" if k == n else f"{k} of {trucks} (the energy of the others is unknown)"
