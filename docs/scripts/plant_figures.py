@@ -37,8 +37,8 @@ def fleets(folder: Path) -> dict[str, Path]:
     return {"recorded": recorded, "simulated": simulated}
 
 
-def chargers_side_by_side(data: dict[str, Path]) -> None:
-    """Chosen sites over the heat map, of both fleets, in one colour scale."""
+def chosen_chargers(data: dict[str, Path]) -> None:
+    """Chosen sites over the heat map of the recorded fleet, and how many the simulated one has in common."""
     from scipy.stats import spearmanr
 
     from fleetlog.analysis.chargers import chargers
@@ -50,10 +50,8 @@ def chargers_side_by_side(data: dict[str, Path]) -> None:
     for name, path in data.items():
         result = chargers(Dataset(path), k=K, demand="rank")
         heat, marks = result.shapes[0], result.shapes[1]
-        shapes += [
-            replace(heat, name=name),
-            replace(marks, name=f"chargers_{name}", on=name, labels=NUMBERS[: len(marks.labels)]),
-        ]
+        if name == "recorded":
+            shapes = [heat, replace(marks, labels=NUMBERS[: len(marks.labels)])]
         visits.append(result.tables["vertices"].set_index("vertex").sort_index().heat_share)
         sites[name] = result.summary["sites"]
         print(
@@ -135,7 +133,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         data = fleets(folder)
-        chargers_side_by_side(data)
+        chosen_chargers(data)
         difference(data)
         one_dock(folder)
         plan_checked(data)
