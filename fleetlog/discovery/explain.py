@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -148,9 +147,8 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
         for k, n in numbers.items()
         if k not in taken and k in final.model.at and k.definition.low < n.value < k.definition.high
     ]  # fmt: skip
-    bare = reduce(lambda model, h: replace(final, model=model).without(h), named, final.model)
     off = strain(sample, final) if channel.bends else 0.0  # How trucks are driven is a habit
-    told_of = order, small, values, numbers, unexplained, found.slight, bare, off
+    told_of = order, small, values, numbers, unexplained, found.slight, final.without(*named), off
     return Explained(problem, before.model, after, fit, *told_of)
 
 

@@ -50,13 +50,9 @@ class Processes(Engine):
         return self._run(work, jobs, name, count, [*beside, *ahead])
 
     def _run(
-        self,
-        work: Callable[[J], R],
-        jobs: Sequence[J],
-        name: Name[J],
-        count: int,
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int,
         beside: list[Callable[[], object]],
-    ) -> Outcomes[R]:
+    ) -> Outcomes[R]:  # fmt: skip
         crew = dict(_start(work, name) for _ in range(count))
         busy: dict[Connection, int] = {}
         waiting, turn = list(range(len(jobs)))[::-1], 0

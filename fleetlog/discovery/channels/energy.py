@@ -272,9 +272,11 @@ class EnergyChannel(Channel):
 
     def rests(self, unit: Unit) -> Mask:
         """Return the windows, (W,), in which nothing moves; none of a charge, which is too coarse."""
-        m, c = unit.own.motion, unit.own
-        moves = c.energy(np.where((m.speed > 0.0) | (m.lift_speed != 0.0), 1.0, 0.0))
-        return np.asarray((moves == 0.0) & (self.name == "battery_power"))
+        if self.name != "battery_power":
+            return super().rests(unit)
+        m = unit.own.motion
+        moves = unit.own.energy(np.where((m.speed > 0.0) | (m.lift_speed != 0.0), 1.0, 0.0))
+        return np.asarray(moves == 0.0)
 
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load, pace, time and nominal energy: what makes two windows alike."""

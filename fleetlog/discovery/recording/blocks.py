@@ -18,7 +18,7 @@ from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
-from fleetlog.discovery.recording.day import DAY
+from fleetlog.discovery.recording.day import DAY, renewed
 from fleetlog.physics.motion import Reconstruction, reconstruct
 
 TRIP = 1_000_000  # Trip codes count on from this much of each vehicle
@@ -136,7 +136,7 @@ def merged(block: Block, mean_of: float, held: float = 0.0) -> Block:
         return block
     begin = np.append(True, np.diff(block.trip) != 0) | (block.silence > 0.0)
     if held:
-        begin[1:] |= np.diff(block.power) != 0.0
+        begin |= renewed(block.power)
     since = np.arange(len(block)) - np.maximum.accumulate(np.where(begin, np.arange(len(block)), 0))
     begin |= since % count == 0
     group, size = np.cumsum(begin) - 1, np.diff(np.append(np.flatnonzero(begin), len(block)))

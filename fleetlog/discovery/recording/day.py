@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion.rows import updates
 
@@ -75,11 +75,16 @@ def held(t: Trajectory) -> float:
     """Return in how many rows each value of power stands on the way, 0 where it is not repeated: hardly any
     run of equal values is shorter than the others, as they are where power comes in coarse steps."""
     power, moves = t.floats("battery_power"), np.nan_to_num(t.floats("speed"), nan=1.0) > 0.0
-    begin = np.flatnonzero((np.diff(power, prepend=np.nan) != 0.0) & np.isfinite(power))
+    begin = np.flatnonzero(renewed(power) & np.isfinite(power))
     runs = np.diff(begin)[np.logical_and.reduceat(moves, begin)[:-1]] if len(begin) else begin
     if len(runs) < FEWEST or (usual := float(np.median(runs))) < 2.0:
         return 0.0
     return usual if np.mean(np.abs(runs - usual) <= max(0.5, 0.1 * usual)) > REGULAR else 0.0
+
+
+def renewed(values: Floats) -> Mask:
+    """(N,) whether a row has another value than the one before it."""
+    return np.asarray(np.diff(values, prepend=np.nan) != 0.0)
 
 
 def pooled(days: list[Day], column: str) -> Floats:

@@ -18,7 +18,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.recording.blocks import TRIP, Block, block, merged
-from fleetlog.discovery.recording.day import Day, day_of
+from fleetlog.discovery.recording.day import Day, day_of, renewed
 from fleetlog.discovery.recording.splits import trips_apart
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels
@@ -102,7 +102,7 @@ class Fleet:
         if vehicle not in self.held:
             return self.merged(self.block(vehicle, rows[::2]))
         power = rows.floats("battery_power")
-        begin = np.flatnonzero(np.diff(power, prepend=np.nan) != 0.0)[::2]
+        begin = np.flatnonzero(renewed(power))[::2]
         size = np.diff(np.append(begin, len(power)))
         held = self.held[vehicle]
         rarer = replace(self, held={vehicle: 2.0 * held}, lag={vehicle: self.lag[vehicle] + 0.5 * held})

@@ -63,13 +63,14 @@ def of_lasting(evident: Sequence[finding.Lasting], fit: finding.ChannelFit, truc
     """Return the finding of what outlasts trips, or stands, and follows nothing that was recorded."""
     most = max(evident, key=lambda one: one.share)
     errors = Errors(fit.metric, fit.after, fit.after, most.p_value)
-    what = f"{percent(most.share)} of their {'time' if fit.name == 'speed' else 'energy'}"
-    text = f"Trips in a row differ from the model alike, by {what}: something lasts that no column shows"
-    if most.vehicle is not None:
+    odd = tuple(one.vehicle for one in evident if one.vehicle is not None)
+    if most.vehicle is None:
+        whose, what = FLEET, f"{percent(most.share)} of their {'time' if fit.name == 'speed' else 'energy'}"
+        text = f"Trips in a row differ from the model alike, by {what}: something lasts that no column shows"
+    else:
+        whose = Scope(odd) if 2 * len(odd) <= len(trucks) else FLEET
         what = f"by {percent(most.share)} of the mean power"
         text = f"At rest, power differs from the model for a time, {what}: something goes on and off unseen"
-    odd = tuple(one.vehicle for one in evident if one.vehicle is not None)
-    whose = Scope(odd) if most.vehicle is not None and 2 * len(odd) <= len(trucks) else FLEET
     needs = "record what is switched on and off (heaters, pumps, brakes) as columns of the log"
     return Finding(
         "unknown", fit.name, text, [], needs, ["time"], None, None, words.scope(whose, trucks), [],

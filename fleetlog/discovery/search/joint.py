@@ -38,10 +38,10 @@ class Joint:
     design: Design
     fitted: Fitted
 
-    def without(self, h: Hypothesis) -> Model:
-        """Return the model with one hypothesis taken out and everything else in place."""
-        fields = {h.term} if (h.field or h.patterns) and h.term else set()
-        return self.model.without({*h.knobs, *h.shapes}, fields)
+    def without(self, *several: Hypothesis) -> Model:
+        """Return the model with hypotheses taken out and everything else in place."""
+        fields = {h.term for h in several if (h.field or h.patterns) and h.term}
+        return self.model.without({k for h in several for k in (*h.knobs, *h.shapes)}, fields)
 
 
 def verified(worse: Joint, better: Joint) -> float:
