@@ -188,7 +188,8 @@ def _above_floor(problem: Problem, rest: float, floor: float | None) -> bool:
     if floor is None:
         return False
     left = np.sqrt(max(rest**2 - floor**2, 0.0))
-    least = max(problem.settings.material, problem.channel.model_error, problem.channel.place_error)
+    channel = problem.channel
+    least = max(problem.settings.material, channel.model_error, channel.place_error - channel.off_height)
     return bool(left > least and rest > problem.settings.at_floor * floor)
 
 

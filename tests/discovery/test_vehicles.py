@@ -11,7 +11,7 @@ import pytest
 from seen import Seen
 
 import fleetlog
-from fleetlog.core.network import build_network
+from fleetlog.core.network import Edge, build_network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck, load_truck
 from fleetlog.discovery.channels.energy import EnergyChannel
@@ -84,6 +84,27 @@ def test_heights_that_the_log_shows_leave_no_slope_to_find(tmp_path: Path) -> No
     found = power(Seen(day, drifting, flat)).verdict
     assert "grade" not in [f.term for f in found.findings]
     assert {f.term for f in found.findings} & {"viscous_drag", "rolling_resistance", "aerodynamic_drag"}
+
+
+@pytest.mark.parametrize("off, word", [(0.015, "none"), (0.05, "unknown"), (0.15, "found")])
+def test_a_map_whose_heights_are_off(tmp_path: Path, off: float, word: str) -> None:
+    """Heights of all junctions are off by chance [m]: no survey is better than a centimetre or two, five are
+    not passed over in silence, and fifteen are slopes that the map lacks."""
+    day = driven(tmp_path, "site_3d.toml", {})
+    roads = day.site.roads()
+    rng = np.random.default_rng(3)
+    error = dict(zip(roads.node_ids, off * rng.normal(size=len(roads.node_ids)), strict=True))
+
+    def wrong(edge: Edge) -> Edge:
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(edge.points, axis=0), axis=1))])
+        points = edge.points.copy()
+        points[:, 2] += error[edge.start] + (error[edge.end] - error[edge.start]) * way / way[-1]
+        return replace(edge, points=points)
+
+    site = replace(day.site, network=build_network([wrong(e) for e in roads.edges()]))
+    found = power(Seen(day, lambda t: t, site)).verdict
+    assert found.word == word
+    assert [f.term for f in found.findings] == (["grade"] if word == "found" else [])
 
 
 @pytest.mark.parametrize(

@@ -71,6 +71,7 @@ class Channel(ABC):
     model_error: float = field(default=0.0, init=False)
     """Share of a window's quantity that any model may miss."""
     place_error: float = field(default=0.0, init=False)  # The same share at some places, where it gathers
+    off_height: float = field(default=0.0, init=False)  # Of it, what the heights of a map may be off
     steady: bool = field(default=True, init=False)
     """Whether the model's own error is alike in all trucks and hours."""
     bends: bool = field(default=True, init=False)  # Whether effects bend it: trucks begin to brake

@@ -102,7 +102,7 @@ class EnergyChannel(Channel):
 
         The mean of half the rows scatters about that of all by as much as that does about the truth.
         ``final``: where rows miss much, learn to tell recorded power from the motion, too."""
-        changed = size = 0.0
+        changed = size = beside = 0.0
         seen = list(self._looked_at(settings))
         flat = self.fleet.network is None or not self.fleet.network.has_elevation
         self.climbs = flat and 2 * sum(u.own.motion.slope.any() for u, _, _ in seen) > len(seen)
@@ -110,6 +110,7 @@ class EnergyChannel(Channel):
             change = self._thinned(unit, self.fleet.thinned(unit.own.block.vehicle, rows))
             changed += float((change[use] ** 2).sum())
             size += float((unit.recorded[use] ** 2).sum())
+            beside += float((self._beside_the_line(unit.own, settings.heights)[use] ** 2).sum())
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
         if final and self.measured and hidden**2 > DILUTED:
             fit = learn(self, replace(self, measured=False), [s[:2] for s in seen], hidden, settings.evidence)
@@ -118,7 +119,8 @@ class EnergyChannel(Channel):
         # Power that is measured at moments errs more by chance than what is told from the motion.
         alike = (0.5 if self.measured and self.between is None else 1.0) * settings.alike
         self.model_error = max(settings.model_error, alike * hidden)
-        self.place_error = settings.gathers * self.model_error
+        self.off_height = 0.0 if flat or self.measured or not size else float(np.sqrt(beside / size))
+        self.place_error = settings.gathers * self.model_error + self.off_height
         hunted = self._hunted(seen)
         self.errors += [replace(RIPPLE, road=r) for r in hunted]
         if hunted and self.fleet.network is not None:
@@ -126,6 +128,17 @@ class EnergyChannel(Channel):
             swings = "power swings faster than rows follow; its cost cannot be told from a rough floor's"
             self.notes = [f"on {roads}, {swings}"]
         return hidden
+
+    def _beside_the_line(self, c: Cut, surveyed: float) -> Floats:
+        """(W,) what heights of both ends of a window add [kJ] that the map has not: it is ``surveyed`` so well
+        [m], and ground falls across as much as along, so that who drives beside its line is as much higher."""
+        m, network = c.motion[c.middle], self.fleet.network
+        if network is None:
+            return np.zeros(c.count)
+        line = network.position(np.maximum(m.edge, 0), m.edge_offset)
+        apart = np.where(m.edge >= 0, np.hypot(m.x - line[:, 0], m.y - line[:, 1]), 0.0)
+        height = np.sqrt(2.0) * (surveyed + apart * np.sqrt(np.mean(m.slope**2)))
+        return np.asarray(1e-3 * (self.fleet.truck.chassis.mass + m.payload) * GRAVITY * height)
 
     def _likely_power(self, c: Cut, between: Between) -> Floats:
         """(rows,) what the power [W] was on average over the time for which each row stands."""
