@@ -130,8 +130,8 @@ class EnergyChannel(Channel):
         return hidden
 
     def _beside_the_line(self, c: Cut, surveyed: float) -> Floats:
-        """(W,) what heights of both ends of a window add [kJ] that the map has not: it is ``surveyed`` so well
-        [m], and ground falls across as much as along, so that who drives beside its line is as much higher."""
+        """(W,) kJ that heights of both ends of a window add which the map has not: it is ``surveyed`` so well
+        [m], and ground falls across as much as along, so who drives beside its line is as much higher."""
         m, network = c.motion[c.middle], self.fleet.network
         if network is None:
             return np.zeros(c.count)
