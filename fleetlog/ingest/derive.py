@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, set_unknown
-from fleetlog.store.trips import runs
+from fleetlog.store.trips import MIN_STOP
 
 REACH = 3.0  # A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]
 MAX_REACH = 30.0
@@ -26,7 +26,9 @@ WIDEST = 2.5
 MAX_GAP = 30.0  # No line reaches across a longer silence [s]
 STANDING = 0.15  # Slower than this, or than twice the error of the fit, is standing still [m/s]
 MAX_SPEED = 60.0
-BESIDE, SCATTER = 5, 4.0  # Rows that say where a truck stands; noise keeps within so many deviations of it
+SCATTER = 3.0  # Positions of a truck that stands are this many times as far apart as usual, at most
+FEWEST = 6  # Rows that tell how far apart they are
+EDGE = 3.0  # In which a truck that sets off leaves its place [s]
 BLOCK = 4096  # Rows that are summed up at once
 
 
@@ -95,7 +97,7 @@ def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None)
     vy, ey = _slopes(t[have], y[have], first, last)
     fast = np.hypot(vx, vy)
     moving = fast > np.maximum(STANDING, 2.0 * np.minimum(np.hypot(ex, ey), 1.0))
-    _without_noise(np.stack([x, y])[:, have], moving)
+    _without_drift(t[have], np.stack([x, y])[:, have], moving)
     if logged is not None:
         # A log's own speed knows better whether the truck stands.
         own = logged[have]
@@ -106,16 +108,22 @@ def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None)
     return speed, pd.Series(heading).ffill().bfill().to_numpy()
 
 
-def _without_noise(at: Floats, moving: Mask) -> None:
-    """Take out of ``moving`` (N,) what stays where the truck stands before and after, within ``SCATTER``
-    times the noise of the positions ``at`` (2, N): second differences have 6 times its variance."""
-    second = np.abs(np.diff(at, 2)[:, ~(moving[2:] | moving[1:-1] | moving[:-2])])
-    noise = np.median(second) / (0.6745 * np.sqrt(6.0)) if second.size else 0.0
-    for a, b in runs(moving):
-        beside = np.r_[max(a - BESIDE, 0) : a, b : min(b + BESIDE, len(moving))]
-        if len(stands := beside[~moving[beside]]):
-            away = at[:, a:b] - np.median(at[:, stands], axis=1, keepdims=True)
-            moving[a:b] = np.hypot(*away).max() > SCATTER * noise
+def _without_drift(t: Floats, at: Floats, moving: Mask) -> None:
+    """Take out of ``moving`` (N,) what stays in one place for the time of a stop: positions ``at`` (2, N)
+    that scatter, or drift, no farther than ``SCATTER`` times as usual then, nor than the slowest motion."""
+    stop = max(MIN_STOP, FEWEST * float(np.median(np.diff(t))))
+    place = pd.DataFrame(at.T, pd.to_timedelta(t - t[0], unit="s"))
+    near = place.rolling(pd.Timedelta(stop / 3.0, "s"), center=True).mean().rolling(pd.Timedelta(stop, "s"))
+    apart = np.hypot(*(near.max() - near.min()).to_numpy().T)
+    first = np.searchsorted(t, t - stop, side="right")
+    lasts = t - t[first]
+    stays = (lasts > 0.5 * stop) & (apart <= 2.0 * STANDING * lasts)
+    last = np.flatnonzero(stays & (apart <= SCATTER * np.median(apart[stays]))) if stays.any() else first[:0]
+    begins = np.searchsorted(t, t[first[last]] + EDGE * (first[last] > 0))
+    ends = np.searchsorted(t, t[last] - EDGE * (last < len(t) - 1))
+    # Stretches of one length: as many have begun as ended where there is none.
+    rows = np.arange(len(t))
+    moving &= np.searchsorted(begins, rows, side="right") == np.searchsorted(ends, rows)
 
 
 def _windows(t: Floats) -> tuple[Ints, Ints]:

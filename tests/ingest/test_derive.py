@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.ingest.derive import derive_motion, derive_power, fitted_motion, pace_ratio, suspect_unit
@@ -58,6 +59,21 @@ def test_noise_of_the_positions_is_no_motion(noise: float, rate: float) -> None:
     assert len(np.unique(trip_ids(truck))) == 4
     if rate >= 1.0 and noise <= 0.5:  # what is hidden longer than a line is not told
         assert np.sum(speed) / rate == pytest.approx(400.0, rel=0.05)
+
+
+@pytest.mark.parametrize("drift", [0.3, 1.0, 1.5])
+@pytest.mark.parametrize("rate", [0.2, 1.0, 5.0])
+def test_a_receiver_that_drifts_does_not_drive(drift: float, rate: float) -> None:
+    """Four drives with stops of five minutes; positions drift by metres within a minute, as outdoors."""
+    t = np.arange(0.0, 1700.0, 1.0 / rate)
+    driven = np.interp(t, [300, 340, 640, 680, 980, 1020, 1320, 1360], [0, 100, 100, 200, 200, 300, 300, 400])
+    held = np.exp(-1.0 / (60.0 * rate))  # Ornstein and Uhlenbeck's process, 60 s
+    chance = drift * np.sqrt(1.0 - held**2) * np.random.default_rng(0).normal(size=(2, len(t)))
+    x, y = (lfilter([1.0], [1.0, -held], c) for c in chance)
+    speed, _ = fitted_motion(t, driven + x, y)
+    truck = Trajectory("T", (t * 1e6).astype(np.int64), {"speed": speed})
+    assert len(np.unique(trip_ids(truck))) == 4
+    assert np.sum(speed) / rate == pytest.approx(400.0, rel=0.05 if rate >= 1.0 else 0.15)
 
 
 def test_no_line_across_a_gap() -> None:
