@@ -12,8 +12,7 @@ from pathlib import Path
 
 import click
 
-from fleetlog.cli.commands import verb_lines
-from fleetlog.cli.main import cli
+from fleetlog.cli.main import cli, verb_lines
 from fleetlog.core.columns import COLUMNS
 from fleetlog.core.truck import SECTIONS
 from fleetlog.physics.power import all_terms

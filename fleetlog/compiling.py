@@ -34,9 +34,8 @@ def kernel(**options: Any) -> Callable[[F], F]:
             made = njit(**options)(function)
         made._compiler._customize_flags = _Flags
         made._compiler.compile = partial(_quietly, made._compiler.compile)
-        made.get_call_template = lambda args, kws: type(made).get_call_template(
-            made, tuple(map(_wide, args)), kws
-        )
+        template = made.get_call_template
+        made.get_call_template = lambda args, kws: template(tuple(map(_wide, args)), kws)
         kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
         if kept is not None:  # it is not kept, or numba was told not to compile
             kept._version = f"{kept._version} {stamp(Path(__file__).parent)}"

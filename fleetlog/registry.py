@@ -35,7 +35,7 @@ def parts(package: str, attribute: str) -> dict[str, Any]:
         part = getattr(importlib.import_module(f"{package}.{module_name}"), attribute or module_name, None)
         if part is not None:
             found[getattr(part, "name", module_name)] = part
-    for entry in _entries(package):
+    for entry in entries(package):
         part = _load(entry)
         found.setdefault(getattr(part, "name", entry.name), part)
     return found
@@ -45,13 +45,13 @@ def part(package: str, attribute: str, name: str) -> Any:
     """The part called ``name``, importing no other one; KeyError where there is none."""
     if name in part_names(package):
         return getattr(importlib.import_module(f"{package}.{name}"), attribute or name)
-    entry = next((e for e in _entries(package) if e.name == name), None)
+    entry = next((e for e in entries(package) if e.name == name), None)
     return parts(package, attribute)[name] if entry is None else _load(entry)
 
 
-def added(package: str) -> list[str]:
-    """Names of the parts that other distributions add, importing none of them."""
-    return [e.name for e in _entries(package)]
+def entries(package: str) -> list[EntryPoint]:
+    """The parts that other distributions add, by name, importing none of them."""
+    return sorted(entry_points(group=package), key=lambda e: e.name)
 
 
 def extra(module: str, name: str, what: str, where: Any = None, error: type = InputError) -> Any:
@@ -75,13 +75,9 @@ def _load(entry: EntryPoint) -> Any:
 @cache
 def part_lines(package: str, attribute: str) -> dict[str, str]:
     """Every part by name with the first sentence of its module's docstring, importing none of them."""
-    lines = {e.name: _sentence(e.module, "") or "" for e in _entries(package)}
+    lines = {e.name: _sentence(e.module, "") or "" for e in entries(package)}
     own = {m: _sentence(f"{package}.{m}", attribute or m) for m in part_names(package)}
     return lines | {name: line for name, line in own.items() if line is not None}
-
-
-def _entries(package: str) -> list[EntryPoint]:
-    return sorted(entry_points(group=package), key=lambda e: e.name)
 
 
 def _sentence(module: str, attribute: str) -> str | None:

@@ -35,7 +35,7 @@ def runs(sample: Path) -> Iterator[tuple[str, Any]]:
     """What each command answers, with the command."""
     import fleetlog
     from fleetlog.api.verb import REQUIRED
-    from fleetlog.cli.commands import verb_lines
+    from fleetlog.cli.main import verb_lines
 
     site, truck = sample / "site.toml", sample / "truck.toml"
     recorded = fleetlog.read_logs(sample / "logs", site=site)

@@ -12,7 +12,7 @@ import pandas as pd
 
 from fleetlog.analysis import occupancy as maps
 from fleetlog.analysis.placement import plan
-from fleetlog.analysis.placement.report import lines_of, site_table, summarise, try_plan, vertex_table
+from fleetlog.analysis.placement.report import lines_of, site_table, summarise, try_plan
 from fleetlog.core.arguments import Between, Count, Duration, Seed, seconds
 from fleetlog.core.arrays import Ints
 from fleetlog.core.network import Network
@@ -94,10 +94,13 @@ def chargers(
     if check and truck is not None:
         fleet = Settings(vehicles or len(dataset.vehicles), seconds(duration), seed=seed, soc=soc)
         summary["check"] = try_plan(dataset, sites, truck, fleet)
-    return Result(
-        "chargers", summary, tables={"vertices": vertex_table(network, weighed)}, places={"sites": sites},
-        shapes=_shapes(dataset, sites, summary), lines=lines_of(summary, sites),
-    )  # fmt: skip
+    x, y = network.node_points[:, :2].T
+    vertices = pd.DataFrame({
+        "vertex": network.node_ids, "x": x, "y": y, "heat_share": weighed.share, "rank": weighed.ranks,
+        "demand_share": weighed.weight / weighed.weight.sum(),
+    }).sort_values("rank", ascending=False, ignore_index=True)  # fmt: skip
+    shapes, lines = _shapes(dataset, sites, summary), lines_of(summary, sites)
+    return Result("chargers", summary, {"vertices": vertices}, {"sites": sites}, shapes, lines)
 
 
 def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Ints:
@@ -112,7 +115,7 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
 def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> list[Shape]:
     """The sites over the heat map, what each serves, and what a simulation of the plan gave."""
     cells = maps.cells_of([maps.extent(dataset)], 1.0)
-    heat = maps.values(maps.compute(dataset, cells).grid, "occupancy", 1.0)
+    heat = maps.values(maps.compute(dataset, cells)["all"].grid, "occupancy", 1.0)
     shapes: list[Shape] = [Grid("heat", heat, cells.x0, cells.y0, 1.0, maps.LABELS["occupancy"])]
     stands = sites["existing"] != ""
     kinds: dict[str, tuple[pd.DataFrame, Literal["charger", "charge"]]]

@@ -183,23 +183,19 @@ def _shapes(
         edge, start = (codes // PLACES).astype(np.int32), np.asarray(codes % PLACES * BIN, np.float64)
         end = np.minimum(start + BIN, network.length[edge])
         yield EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]")
-    yield from (_arc_lines(c, watched), over_time)
+    # The arcs as line segments, at the steps where they change from none or to none too.
+    time = np.unique(c.arcs["time"])
+    after = time + watched.step
+    shown = np.union1d(time, after[after < watched.stop])
+    cuts = np.searchsorted(c.arcs["time"], shown[1:])
+    lines, critical = (tuple(np.split(c.arcs[name], cuts)[: len(shown)]) for name in ("ends", "critical"))
+    yield from (MovingLines("clusters", shown, lines, critical), over_time)
     if len(areas):
         top = areas.head(10)
         labels = tuple(f"{a}: {d:.0f} s" for a, d in zip(top.area, top.delay, strict=True))
         at, delay = top[["x", "y"]].to_numpy(), top.delay.to_numpy()
         yield Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical")
         yield Bars("delay_by_area", tuple(f"area {a}" for a in top.area), delay, "delay [s]")
-
-
-def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
-    """The arcs as line segments, at the steps where they change from none or to none too."""
-    time = np.unique(c.arcs["time"])
-    after = time + watched.step
-    shown = np.union1d(time, after[after < watched.stop])
-    cuts = np.searchsorted(c.arcs["time"], shown[1:])
-    lines, critical = (tuple(np.split(c.arcs[name], cuts)[: len(shown)]) for name in ("ends", "critical"))
-    return MovingLines("clusters", shown, lines, critical)
 
 
 def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:

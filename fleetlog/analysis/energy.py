@@ -25,7 +25,6 @@ from fleetlog.store.days import each_day
 
 SHIFTS = (6, 14, 22)  # Hours of the day (UTC) at which shifts begin, unless said otherwise
 ROW_COST = 4e-6  # What the books of a row cost [s]
-OF_STRETCH = ["from", "to", "joules_per_metre"]
 MOST_POINTS = 2000  # Of a curve over time
 COLUMNS = (
     "x", "y", "z", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
@@ -47,7 +46,10 @@ def energy(
     if not dataset.rows:
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
-    asked = physics, battery_of(physics.actual_truck, chemistry), _sources(physics)
+    # The code of the terms, too: a user may change his own between two runs.
+    modules = {t.function.__module__ for t in physics.active if t.function is not None}
+    code = [inspect.getsource(sys.modules[name]) for name in sorted(modules) if name in sys.modules]
+    asked = physics, battery_of(physics.actual_truck, chemistry), code
     days = each_day(dataset, _vehicle_day, *asked, kinds=(Book,), cost=ROW_COST, joined=True)
     if not (books := [book for day in days for book in day]):
         raise DataError("no vehicle has two rows")
@@ -100,12 +102,6 @@ def _vehicle_day(
     return books
 
 
-def _sources(physics: Physics) -> list[str]:
-    """The code of the terms: a user may change his own between two runs."""
-    modules = {t.function.__module__ for t in physics.active if t.function is not None}
-    return [inspect.getsource(sys.modules[name]) for name in sorted(modules) if name in sys.modules]
-
-
 def _lines(s: dict[str, Any]) -> list[str]:
     per_km = f", {s['kwh_per_km']:.3f} kWh/km" if np.isfinite(s["kwh_per_km"]) else ""
     trips, trucks = count(s["trips"], "trip"), count(s["vehicles"], "truck")
@@ -142,7 +138,8 @@ def _lines(s: dict[str, Any]) -> list[str]:
 def _shapes(bins: pd.DataFrame, ledger: dict[str, float], edges: pd.DataFrame) -> list[Shape]:
     shapes: list[Shape] = []
     if len(edges):
-        edge, (start, end, value) = edges["edge"].to_numpy(np.int32), edges[OF_STRETCH].to_numpy(float).T
+        start, end, value = edges[["from", "to", "joules_per_metre"]].to_numpy(float).T
+        edge = edges["edge"].to_numpy(np.int32)
         shapes.append(EdgeValues("energy_per_metre", edge, start, end, value, "energy [J/m]"))
     kwh, causes = np.array([*ledger.values()]), tuple(map(cause, ledger))
     return [*shapes, Bars("energy by cause", causes, kwh, "energy [kWh]"), *_curves(bins, [*ledger])]

@@ -15,7 +15,6 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import measured_power
@@ -115,7 +114,7 @@ def keep_book(
     doubt = found.window_variance(lambda m: battery_power(m, physics), (np.cumsum(new) - 1)[found.row])
     segments = {
         "vehicle_id": trajectory.vehicle_id, "trip_id": trip[starts], "hour": time[starts] // HOUR * HOUR,
-        **_reduced(joules | sums, starts), "motion_variance": doubt,
+        **{n: np.add.reduceat(v, starts) for n, v in (joules | sums).items()}, "motion_variance": doubt,
         "source": source[starts], "peak": np.maximum.reduceat(total, starts),
         "soc_start": soc[starts], "soc_end": soc[ends],
         "start": time[starts], "end": time[ends],
@@ -126,7 +125,7 @@ def keep_book(
     bins = np.flatnonzero(np.append(True, np.diff(time // BIN) != 0))
     # A gauge steps too coarsely for a curve over time.
     drawn = {n: v * ~by_soc for n, v in (compared | {"known": known * dt}).items()}
-    over_time = _reduced(joules | drawn, bins)
+    over_time = {n: np.add.reduceat(v, bins) for n, v in (joules | drawn).items()}
     stretches = _by_stretch(fine, sum(pieces.values(), np.zeros(len(fine))), metres)
     inside = [zone.contains(fine.x, fine.y) for zone in site.zones]
     samples = {f"J_{name}": piece for name, piece in pieces.items()} | {"metres": metres, "seconds": fine.dt}
@@ -142,11 +141,6 @@ def _by_stretch(motion: Motion, joules: Floats, metres: Floats) -> Columns:
     columns = {"edge": motion.edge[on], "number": number, "joules": joules[on], "metres": metres[on]}
     rows = pd.DataFrame(columns)
     return {str(n): v.to_numpy() for n, v in rows.groupby(["edge", "number"], as_index=False).sum().items()}
-
-
-def _reduced(rows: dict[str, Floats], starts: Indices) -> Columns:
-    """Sums over the segments that begin at ``starts``."""
-    return {name: np.add.reduceat(row, starts) for name, row in rows.items()}
 
 
 def _cells(
@@ -208,7 +202,13 @@ def _variance(total: pd.DataFrame, physics: Physics) -> pd.Series:
 
         dE/d ln(efficiency) = -E_traction  dE/d ln(regeneration) = E_braking  dE/d ln(rolling) = E_rolling"""
     truck = physics.actual_truck
-    spread = relative_spreads(truck, physics)
+    # Relative standard deviation of each number: from the physics' own interval, else from the prior.
+    spread = {u.key: u.deviation(truck) / truck.value(u.key) for u in UNKNOWNS if truck.value(u.key) > 0.0}
+    for name, parameters in physics.intervals.items():
+        for parameter, (low, high) in parameters.items():
+            key = all_terms()[name].by_name[parameter].truck_key
+            if key is not None and truck.value(key) > 0.0:
+                spread[key] = (high - low) / (2.0 * 1.96) / truck.value(key)
     none, raising = pd.Series(0.0, index=total.index), total["raising"]
     load = total["kilogram_metres"] / total["metres"].where(total["metres"] > 0.0)
     carriage = truck.lift.carriage_mass
@@ -222,17 +222,6 @@ def _variance(total: pd.DataFrame, physics: Physics) -> pd.Series:
     }  # fmt: skip
     parts = [np.square(slope * spread.get(key, 0.0)) for key, slope in slopes.items()]
     return pd.Series(np.sum(parts, axis=0), index=total.index)
-
-
-def relative_spreads(truck: Truck, physics: Physics) -> dict[str, float]:
-    """Relative standard deviation of each number: from the physics' own interval, else from the prior."""
-    spreads = {u.key: u.deviation(truck) / truck.value(u.key) for u in UNKNOWNS if truck.value(u.key) > 0.0}
-    for name, parameters in physics.intervals.items():
-        for parameter, (low, high) in parameters.items():
-            key = all_terms()[name].by_name[parameter].truck_key
-            if key is not None and truck.value(key) > 0.0:
-                spreads[key] = (high - low) / (2.0 * 1.96) / truck.value(key)
-    return spreads
 
 
 def shift_names(hour: pd.Series, starts: Sequence[int]) -> pd.Series:

@@ -41,8 +41,8 @@ def heatmap(
     for v in vehicle:
         dataset.parts(v)
     boxes = [maps.extent(dataset)] + ([maps.extent(compare)] if compare else [])
-    groups = maps.compute_by(dataset, maps.cells_of(boxes, cell), by, hours, vehicle, load)
-    if not groups:
+    groups = maps.compute(dataset, maps.cells_of(boxes, cell), by, hours, vehicle, load)
+    if not any(m.units for m in groups.values()):
         what = "no row with a position is left by this choice of hours, vehicles and load"
         raise DataError(what, do="choose a wider one, or import logs with positions")
     here = functools.reduce(HeatMap.__add__, groups.values())
@@ -54,7 +54,7 @@ def heatmap(
         parts = [_cell_table(m).assign(**{by: name}) for name, m in groups.items()]
         table = pd.concat(parts, ignore_index=True)
     if compare is not None:
-        share, mask = difference(here, maps.compute(compare, here.cells, hours=hours, state=load))
+        share, mask = difference(here, maps.compute(compare, here.cells, hours=hours, state=load)["all"])
         per_mille = np.where((here.grid[0] > 0) | (share != 0), 1000 * share, np.nan)
         moved, theirs = float(np.abs(share).sum() / 2), str(compare.path)
         summary["compare"] = {"other": theirs, "significant_cells": int(mask.sum()), "moved_share": moved}

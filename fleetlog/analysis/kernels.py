@@ -161,8 +161,7 @@ def accumulate(
 def _cell(x: float, y: float, x0: float, y0: float, per_metre: float, columns: int, rows: int) -> int:
     """The number of the cell of a place, -1 outside."""
     c, r = (x - x0) * per_metre, (y - y0) * per_metre
-    inside = 0.0 <= c < columns and 0.0 <= r < rows
-    return int(r) * columns + int(c) if inside else -1
+    return int(r) * columns + int(c) if 0.0 <= c < columns and 0.0 <= r < rows else -1
 
 
 @inner

@@ -8,7 +8,6 @@ A truck is a capsule, ``length`` by ``width``: two discs at its ends stand for i
 
 Both need clocks that agree among the trucks."""
 
-from collections.abc import Iterator
 from itertools import product
 from typing import Annotated, Any
 
@@ -57,7 +56,13 @@ def near_misses(
     length : length of a truck [m].
     width : width of a truck [m]."""
     found, judged = [pd.DataFrame(columns=list(RAW), dtype=float)], False
-    for fleet in () if dataset.alone else _fleets(dataset):
+    bays = read_table(dataset, "bays")
+    for date in () if dataset.alone else dataset.dates:
+        placed = (_on_the_road(dataset.read(v, date, COLUMNS), bays) for v in dataset.vehicles)
+        rows = [_gridded(t).assign(vehicle=k) for k, t in enumerate(placed) if len(t) > 1]
+        if not any(map(len, rows)):
+            continue
+        fleet = pd.concat(rows, ignore_index=True)
         judged |= fleet["vehicle"].nunique() > 1
         for first in range(fleet["step"].min(), fleet["step"].max() + 1, CHUNK):
             part = fleet[fleet["step"].between(first, first + CHUNK + round(pet / STEP), "left")]
@@ -96,25 +101,14 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     return [f"{count(len(table), 'near miss', 'near misses')} between two trucks ({rule}){most}."]
 
 
-def _fleets(dataset: Dataset) -> Iterator[pd.DataFrame]:
-    """The fleet on a grid, day by day; ``vehicle`` is its number."""
-    bays = read_table(dataset, "bays")
-    for date in dataset.dates:
-        days = [dataset.read(v, date, COLUMNS) for v in dataset.vehicles]
-        placed = [t[_on_the_road(t, bays)] for t in days]
-        rows = [_gridded(t).assign(vehicle=k) for k, t in enumerate(placed) if len(t) > 1]
-        if any(map(len, rows)):
-            yield pd.concat(rows, ignore_index=True)
-
-
-def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Mask:
-    """(N,) whether a place is known, and is no bay of a simulation in which the truck stands: its bays lie
+def _on_the_road(t: Trajectory, bays: pd.DataFrame | None) -> Trajectory:
+    """The rows whose place is known, and is no bay of a simulation in which the truck stands: its bays lie
     beside the road, also where those drawn after a recording are on it."""
     known: Mask = np.isfinite(t.floats("x")) & np.isfinite(t.floats("y"))
     stands = t.floats("speed") <= MOVING
     for x, y in [] if bays is None else bays[["x", "y"]].to_numpy(float):
         known &= ~(stands & (np.hypot(t.floats("x") - x, t.floats("y") - y) < IN_BAY))
-    return known
+    return t[known]
 
 
 def _gridded(t: Trajectory) -> pd.DataFrame:
@@ -146,9 +140,8 @@ def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, wid
     soon, rate = np.min(times, axis=0), -(gap.conj() * relative).real / np.maximum(abs(gap), 1e-9)
     k = np.flatnonzero((soon >= 0.0) & (soon < most) & (rate >= closing))
     a, b = a[k], b[k]
-    return _moments(f, a, b, step[a] * STEP, 0.5 * (at[a] + at[b])).assign(
-        ttc_s=soon[k], closing_speed=rate[k]
-    )
+    moments = _moments(f, a, b, step[a] * STEP, 0.5 * (at[a] + at[b]))
+    return moments.assign(ttc_s=soon[k], closing_speed=rate[k])
 
 
 def time_to_contact(gap: Array, velocity: Array, distance: float) -> Floats:

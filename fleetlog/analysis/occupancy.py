@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -143,27 +144,19 @@ def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> Mask:
     return use
 
 
-def compute(dataset: Dataset, cells: Raster, **chosen: Any) -> HeatMap:
-    """The sums of a dataset over given cells; what is ``chosen`` as in :func:`compute_by`."""
-    return compute_by(dataset, cells, None, **chosen).get("all", _empty(dataset, cells))
-
-
-def compute_by(
-    dataset: Dataset, cells: Raster, by: Grouping | None, hours: tuple[int, int] | None = None,
+def compute(
+    dataset: Dataset, cells: Raster, by: Grouping | None = None, hours: tuple[int, int] | None = None,
     vehicles: tuple[str, ...] = (), state: str = "all",
 ) -> dict[str, HeatMap]:  # fmt: skip
-    """One map a group, in one pass over the rows; the groups' maps add up to the map of all."""
-    out: dict[str, HeatMap] = {}
+    """One map a group, else that of ``all``, be it empty, in one pass over the rows; the groups' maps add up
+    to the map of all."""
+    floor, roads = (6, cells.rows, cells.columns), (6, int(stretches(dataset.site.network)[-1]))
+    out = defaultdict[str, HeatMap](lambda: HeatMap(cells, np.zeros(floor), np.zeros(roads), []))
     asked = cells.cell, by, hours, state
     for patches in each_day(dataset, _patches, *asked, kinds=(Patch,), vehicles=vehicles, cost=ROW_COST):
         for name, patch in patches.items():
-            out.setdefault(name, _empty(dataset, cells)).add(patch)
-    return dict(sorted(out.items()))
-
-
-def _empty(dataset: Dataset, cells: Raster) -> HeatMap:
-    bins = int(stretches(dataset.site.network)[-1])
-    return HeatMap(cells, np.zeros((6, cells.rows, cells.columns)), np.zeros((6, bins)), [])
+            out[name].add(patch)
+    return dict(sorted(out.items())) if by else {"all": out["all"]}
 
 
 def _patches(

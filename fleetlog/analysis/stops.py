@@ -1,6 +1,5 @@
 """Places where trucks stop regularly, and what for."""
 
-from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
@@ -8,7 +7,7 @@ import pandas as pd
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result, Shape
-from fleetlog.core.site import Place, PlaceKind
+from fleetlog.core.site import PlaceKind
 from fleetlog.core.words import count, listed
 from fleetlog.simulate.demand import carried
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table
@@ -16,6 +15,7 @@ from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 
 KINDS: tuple[PlaceKind, ...] = ("pick", "drop", "park", "charge")
+TOML = '[[place]]\nid = "{0.id}"\nkind = "{0.kind}"\nx = {0.x:.2f}\ny = {0.y:.2f}'  # Of a site file
 
 
 def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whole=True)] = 3) -> Result:
@@ -43,7 +43,7 @@ def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whol
     summary = {
         "stops": len(stands), "in_places": int((cluster >= 0).sum()), "places": len(table), "kinds": kinds,
         "standing_s": float(stands.dwell.sum()), "loads_carried": len(tasks) if weighed else None,
-        "site_toml": site_text(site.places[len(dataset.site.places) :]),
+        "site_toml": "\n".join(map(TOML.format, site.places[len(dataset.site.places) :])),
     }  # fmt: skip
     lines = [
         f"{summary['in_places']:,} of {count(len(stands), 'stop')} are at {count(len(table), 'place')}"
@@ -65,12 +65,6 @@ def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whol
         if len(t := sized[sized.kind == kind])
     ]
     return Result("stops", summary, {"flows": flows}, {"places": table}, marks, lines)
-
-
-def site_text(places: Sequence[Place]) -> str:
-    """The places as ``[[place]]`` tables of a site file."""
-    table = '[[place]]\nid = "{0.id}"\nkind = "{0.kind}"\nx = {0.x:.2f}\ny = {0.y:.2f}'
-    return "\n".join(map(table.format, places))
 
 
 def _weighed(dataset: Dataset, vehicle: str, date: str) -> bool:

@@ -14,7 +14,6 @@ from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MIN_LOAD_CHANGE
 
-JOULES = 3600.0
 MEANS = "distance_m", "duration_s", "driving_time_s"
 NEAR = 8.0  # Trip ends this close to a place are at it [m]
 SQUARE, MOST_FLOWS = 10.0, 25  # Squares in place of places where a site has none [m]; arrows drawn
@@ -30,7 +29,7 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
         raise DataError("the dataset has no trips", where=dataset.path)
     table = table.assign(from_place=_places(dataset, table, "start"), to_place=_places(dataset, table, "end"))
     real = table[table.distance >= min_distance]
-    energy = real.energy.to_numpy(float) / JOULES
+    energy = real.energy.to_numpy(float) / 3600.0
     known = np.isfinite(energy) & (energy != 0.0)
     # What a charger gave is no energy of the trip at whose end the truck was charged.
     charged = known & ((energy < 0.0) | (real.soc_end - real.soc_start > MIN_CHARGE).to_numpy())

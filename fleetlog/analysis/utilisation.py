@@ -144,7 +144,11 @@ def row_states(t: Trajectory) -> tuple[Ints, Mask]:
     waits = laden | ((lasts <= (PATIENCE if loads else PATIENCE_WITHOUT_LOAD)) & ~down)
     out[still] = np.where(waits[still], number["waiting" if loads or forks else "standing"], number["idle"])
     out[still & _handling(t, still, load)] = number["handling"]
-    out[still & _charging(t, first, rows, lasts)] = number["charging"]
+    # Where the log says so, and standstills in which the battery takes power on average.
+    text = isinstance(t.columns.get("charging"), Labels)
+    charged = np.zeros(len(t), bool) if text else t.floats("charging") > 0.0
+    taken = np.repeat(-np.add.reduceat(np.nan_to_num(t.floats("battery_power")), first) / rows, rows)
+    out[still & (charged | (taken > CHARGER) & (lasts >= SHORTEST_CHARGE))] = number["charging"]
     out[silent] = number["no_data"]
     rises, sure = _rising(t, still, silent)
     out[rises & (sure | ~silent)] = number["charging"]
@@ -157,14 +161,6 @@ def charging(t: Trajectory) -> Mask:
     falls = np.diff(soc, append=soc[-1:]) < 0.0
     gives = np.where(np.isfinite(power) & ~silences(t), power > 0.0, falls)
     return row_states(t)[1] & ~gives
-
-
-def _charging(t: Trajectory, first: Ints, rows: Ints, lasts: Floats) -> Mask:
-    """Where the log says so, and standstills in which the battery takes power on average."""
-    is_text = isinstance(t.columns.get("charging"), Labels)
-    said = np.zeros(len(t)) if is_text else t.floats("charging")
-    taken = np.repeat(-np.add.reduceat(np.nan_to_num(t.floats("battery_power")), first) / rows, rows)
-    return np.asarray((said > 0.0) | (taken > CHARGER) & (lasts >= SHORTEST_CHARGE))
 
 
 def _rising(t: Trajectory, still: Mask, silent: Mask) -> Mask:

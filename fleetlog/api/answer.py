@@ -148,8 +148,7 @@ def write_folder(result: Result, site: Site, folder: Path, page: str = "", recor
     replay = partial(write_result_recording, result, site, folder / "recording.rrd")
     beside: engines.Tasks = [partial(write_result, result, folder, site.frame), *[replay] * recording]
     picture = partial(write_picture, result, site), [folder / f"{result.name}.png"]
-    for _ in engines.current().here.run(*picture, beside=beside, cost=PICTURE_COST):
-        pass
+    list(engines.current().here.run(*picture, beside=beside, cost=PICTURE_COST))
 
 
 def dataset_answer(

@@ -10,7 +10,7 @@ import sys
 import tomllib
 import types
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, update_wrapper
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -61,10 +61,8 @@ class Option:
         if self.flag:
             return bool(value)
         if self.many:
-            return tuple(self._one(v) for v in (value if isinstance(value, list | tuple) else (value,)))
-        return self._one(value)
-
-    def _one(self, value: Any) -> Any:
+            one = replace(self, many=False, default=REQUIRED)
+            return tuple(map(one.convert, value if isinstance(value, list | tuple) else (value,)))
         if self.choices and value not in self.choices:
             raise ArgumentError(f"{value!r} is not one of {', '.join(self.choices)}", where=self.spelling)
         try:
@@ -106,15 +104,11 @@ def parameter_texts(docstring: str | None) -> dict[str, str]:
     section = inspect.cleandoc(docstring or "").partition("\nParameters\n----------\n")[2]
     found: dict[str, str] = {}
     for names, text in re.findall(r"^(\S.*?) : (.*(?:\n +.*)*)", re.split(TITLE, section)[0], re.MULTILINE):
-        line = _sentence(" ".join(map(str.strip, text.splitlines())))
+        plain = re.sub("``|:mod:|:func:", "", " ".join(map(str.strip, text.splitlines()))).strip("`")
+        named = "." in plain.split(" ")[0].rstrip(".:,")  # a file's name stays as it is
+        line = f"{plain[:1] if named else plain[:1].upper()}{plain[1:].rstrip('.')}." if plain else ""
         found |= {name.strip(" *"): line for name in names.split(",")}
     return found
-
-
-def _sentence(text: str) -> str:
-    plain = text.replace("``", "").replace(":mod:", "").replace(":func:", "").strip("`")
-    named = "." in plain.split(" ")[0].rstrip(".:,")  # a file's name stays as it is
-    return f"{plain[:1] if named else plain[:1].upper()}{plain[1:].rstrip('.')}." if plain else ""
 
 
 def description(docstring: str | None) -> str:

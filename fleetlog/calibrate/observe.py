@@ -191,10 +191,15 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
 
     measured, nominal = summed(motion.power), predict(physics)
     factor = float(nominal @ measured) / max(float(nominal @ nominal), 1e-12)
-    sigma = _deviation(measured - factor * nominal)
+    residual = measured - factor * nominal
+    spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
+    spread = max(spread, 0.5 * float(residual.std()), 1e-6)
+    blocks = residual[: len(residual) // BLOCK * BLOCK].reshape(-1, BLOCK).sum(axis=1)
+    effect = float(blocks.var()) / (BLOCK * max(float(residual.var()), 1e-18)) if len(blocks) > 2 else 1.0
+    sigma = np.full(count, spread * float(np.sqrt(max(effect, 1.0))))
     doubt = np.stack([summed(row) for row in _doubts(motion, physics)], axis=1)
     labels = tuple(f"window {i}" for i in range(count))
-    return Observations(measured, np.full(count, sigma), labels, predict, doubt)
+    return Observations(measured, sigma, labels, predict, doubt)
 
 
 def _doubts(motion: Motion, physics: Physics) -> Iterator[Floats]:
@@ -210,14 +215,6 @@ def _doubts(motion: Motion, physics: Physics) -> Iterator[Floats]:
     yield MODEL_DOUBT * np.maximum(work, 0.0) / drive.efficiency * (motion.speed / usual - 1.0)
 
 
-def _deviation(residual: Floats) -> float:
-    spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
-    spread = max(spread, 0.5 * float(residual.std()), 1e-6)
-    blocks = residual[: len(residual) // BLOCK * BLOCK].reshape(-1, BLOCK).sum(axis=1)
-    effect = float(blocks.var()) / (BLOCK * max(float(residual.var()), 1e-18)) if len(blocks) > 2 else 1.0
-    return spread * float(np.sqrt(max(effect, 1.0)))
-
-
 def together(parts: list[Observations]) -> Observations:
     """All figures of several measurements as one; the patterns of doubt of one say nothing of another."""
     from scipy.linalg import block_diag
@@ -231,12 +228,10 @@ def together(parts: list[Observations]) -> Observations:
 
 
 def observations(path: Path, physics: Physics) -> Observations:
-    """The measured figures of one table or dataset."""
-    return of_dataset(Dataset(path), physics) if path.is_dir() else of_runs(read_runs(path), physics.truck)
-
-
-def of_dataset(dataset: Dataset, physics: Physics) -> Observations:
-    """The energy of every window of a recording; see :func:`of_motion`."""
+    """The measured figures of one table; of a dataset the energy of every window, see :func:`of_motion`."""
+    if not path.is_dir():
+        return of_runs(read_runs(path), physics.truck)
+    dataset = Dataset(path)
     rows = (measured_channels(dataset.read(vehicle), dataset.meta) for vehicle in dataset.vehicles)
     motions = (reconstruct(each, dataset.site.network, physics.truck).motion for each in rows)
     pieces = [motion.replaced(vehicle=motion.vehicle * 0 + k) for k, motion in enumerate(motions)]

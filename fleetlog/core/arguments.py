@@ -79,16 +79,14 @@ class PartOf:
     attribute: str
     metavar: str = "FORMAT"
 
-    def names(self) -> list[str]:
-        """Every name, without importing a part."""
-        return sorted(self._modules())
-
-    def _modules(self) -> dict[str, str]:
-        return {name.replace("_", "-"): name for name in part_lines(self.package, self.attribute)}
+    def names(self) -> dict[str, str]:
+        """Every name in order, and that of its module, without importing a part."""
+        modules = part_lines(self.package, self.attribute)
+        return dict(sorted((name.replace("_", "-"), name) for name in modules))
 
     def part(self, name: str) -> Any:
         """Return the part of that name, importing no other one."""
-        return part(self.package, self.attribute, self._modules()[name])
+        return part(self.package, self.attribute, self.names()[name])
 
     def __call__(self, value: str) -> str:
         """Return the name."""

@@ -45,4 +45,3 @@ def schema_of(
 
 SCHEMA: pa.Schema = schema_of(COLUMNS, required=("vehicle_id", "timestamp"))
 """Of the columns that every dataset has, in the order of the contract."""
-PART_SCHEMA: pa.Schema = SCHEMA.remove(0)  # The same of a Parquet part, whose folder names the vehicle

@@ -30,9 +30,8 @@ def load_toml(path: Path, error: Errors = InputError, do: str | None = None) -> 
     """The tables of a TOML file; ``error`` where it cannot be read, with ``do`` where there is none."""
     if not path.exists():
         raise error("no such file", where=path, do=do)
-    data = read_whole(path, SETTINGS, error)
     try:
-        return tomllib.loads(data.decode("utf-8-sig"))
+        return tomllib.loads(read_whole(path, SETTINGS, error).decode("utf-8-sig"))
     except (ValueError, RecursionError) as problem:  # ValueError: also integers of thousands of digits
         why = "it is nested too deeply" if isinstance(problem, RecursionError) else str(problem)[:200]
         raise error(f"not readable as TOML: {why}", where=path, do="correct it") from None

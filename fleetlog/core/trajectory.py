@@ -146,7 +146,7 @@ class Trajectory:
 
 def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
     """The trajectory as an Arrow table; a ``part`` of a dataset leaves the column ``vehicle_id`` out."""
-    schema = cols.PART_SCHEMA if part else cols.SCHEMA
+    schema = cols.SCHEMA.remove(0) if part else cols.SCHEMA
     arrays = [_arrow_array(trajectory, cols.BY_NAME[f.name], f.type) for f in schema]
     for name in sorted(set(trajectory.columns) - set(cols.NAMES)):
         arrays.append(own_array(trajectory.columns[name]))

@@ -1,6 +1,6 @@
 """A truck: what the nominal model needs to know of a vehicle type; every key but mass has a default."""
 
-from dataclasses import MISSING, asdict, dataclass, field, fields, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -98,8 +98,7 @@ class Truck:
         return float(getattr(getattr(self, section), name))
 
 
-_KINDS = (Chassis, Drive, Resistance, Lift, Auxiliary, Battery)
-SECTIONS: dict[str, type] = {kind.__name__.lower(): kind for kind in _KINDS}
+SECTIONS: dict[str, Any] = {f.name: f.type for f in fields(Truck) if is_dataclass(f.type)}
 PRESETS = Path(__file__).parents[1] / "physics" / "presets"
 """Folder of the trucks that come with fleetlog; every number's source stands in the file."""
 

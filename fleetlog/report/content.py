@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from fleetlog.core.result import Result
+from fleetlog.core.result import Result, Spread
+from fleetlog.core.site import Site
+from fleetlog.core.words import listed
 from fleetlog.report.facts import Facts
 from fleetlog.view.picture import Layer, Panel, svg
 
@@ -81,7 +83,7 @@ def picture(facts: Facts, shape: Layer | Panel | None, caption: str, result: Res
     whole = result or Result("picture", {}, shapes=[] if shape is None else [shape])
     name = getattr(shape, "name", "map")
     salt, scale = f"{facts.name}/{whole.name}/{name}", facts.scales.get(name)
-    return Picture(svg(whole, facts.site, shape, salt=salt, scale=scale, zone=facts.zone), caption)
+    return Picture(svg(whole, facts.dataset.site, shape, salt=salt, scale=scale, zone=facts.zone), caption)
 
 
 def render(template: str, **values: Any) -> str:
@@ -92,3 +94,19 @@ def render(template: str, **values: Any) -> str:
     )  # fmt: skip
     house.filters["drawn"] = Markup
     return house.get_template(template).render(**values)
+
+
+def experiment_page(result: Result, site: Site) -> str:
+    """The page of an experiment: variants with intervals and changes, plots, and what limits each variant;
+    the summary of the result tells its ``provenance``."""
+    from fleetlog.simulate.scenario import told_rows
+
+    table, names = result.tables["variants"], [*result.summary["factors"]]
+    head, *rows = told_rows(table, names)
+    best = dict(zip(head, rows[int(table.tasks_per_h.argmax())], strict=True))
+    which = listed([f"{name} {best[name]}" for name in names])
+    shown = Table(head, rows, [len(names) <= k < len(head) - 1 for k in range(len(head))])
+    plots = [s for s in result.shapes if isinstance(s, Spread)]
+    part = Part([f"Most tasks are done with {which}: {best['tasks/h']} per hour."], [shown])
+    part.blocks += [Picture(svg(result, site, s, salt=s.name), s.y_label) for s in plots]
+    return render("experiment.html", site=site.name, told=result.summary, part=part)

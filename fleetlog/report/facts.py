@@ -22,7 +22,6 @@ from fleetlog.analysis.tariff import Tariff, costs
 from fleetlog.analysis.trips import trips
 from fleetlog.core.arrays import Ints
 from fleetlog.core.result import Result
-from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
@@ -58,11 +57,6 @@ class Facts:
     energy_from: dict[str, str] = field(default_factory=dict)  # By truck: where its energy comes from
     left_out: list[str] | None = None  # What the diagnosis says of it, where there was one
     scales: dict[str, Scale] = field(default_factory=dict)  # Of maps that both datasets have
-
-    @property
-    def site(self) -> Site:
-        """The dataset's site."""
-        return self.dataset.site
 
     @property
     def currency(self) -> str:
@@ -106,8 +100,12 @@ def _ledger(facts: Facts) -> Ledger:
     d, results = facts.dataset, facts.results
     over, near = (results[name].places[name] for name in ("speeding", "near_misses"))
     tasks = tasks_done(d)
-    parts = [_states(results["utilisation"].tables["states"]), _energy(facts, tasks)]
-    parts.append(_summed("tasks", tasks, 1.0))
+    cut = spent.quarters(results["utilisation"].tables["states"])
+    hours = spent.hours_by_state(cut, cut["vehicle_id"], cut["start"].dt.floor("15min"))
+    hours["hours"] = hours.drop(columns="no_data").sum(axis=1)
+    hours["moving_h"] = hours[[s for s in spent.STATES if s.startswith("driving")]].sum(axis=1)
+    hours = hours.rename(columns={s: f"{s}_h" for s in spent.STATES})
+    parts = [hours, _energy(facts, tasks), _summed("tasks", tasks, 1.0)]
     trip = d.trips[d.trips["distance"] >= SHORTEST_TRIP] if len(d.trips) else d.trips
     if len(trip):
         parts.append(_summed("trips", trip, 1.0))
@@ -135,15 +133,6 @@ def _ledger(facts: Facts) -> Ledger:
         out["cost"], out["co2_kg"] = costs(out["used_kwh"], out["charged_kwh"], local, facts.tariff)
         out["task_cost"] = out["cost"].where(powered, 0.0)
     return out
-
-
-def _states(table: pd.DataFrame) -> Ledger:
-    """Hours in every state, those that the log covers, and those driven."""
-    cut = spent.quarters(table)
-    hours = spent.hours_by_state(cut, cut["vehicle_id"], cut["start"].dt.floor("15min"))
-    hours["hours"] = hours.drop(columns="no_data").sum(axis=1)
-    hours["moving_h"] = hours[[s for s in spent.STATES if s.startswith("driving")]].sum(axis=1)
-    return hours.rename(columns={s: f"{s}_h" for s in spent.STATES})
 
 
 def consumption(dataset: Dataset, tasks: pd.DataFrame | None = None, truck: Truck | None = None) -> Ledger:

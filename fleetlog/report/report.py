@@ -2,10 +2,9 @@
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from fleetlog.core.schema import Wrong, time_zone
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, listed
 from fleetlog.errors import ArgumentError, DataError, InputError
-from fleetlog.registry import added, part
+from fleetlog.registry import entries, part
 from fleetlog.report.content import Part, picture, render
 from fleetlog.report.diagnosis import in_short
 from fleetlog.report.facts import Facts, gather
@@ -82,23 +81,19 @@ def report(
     if len(facts) == 2 and any(0 < k < n for k, n, _ in known):
         said = listed([f"{k} of {n} in {name}" for k, n, name in known])
         lead.append(f"Energy, cost and CO2 are those of the trucks whose energy is known: {said}.")
-    return Report(_page(facts, rows, lead), _summary(facts, rows, lead), _tables(facts, rows), lead, zone)
-
-
-def _page(facts: list[Facts], rows: list[Row], lead: list[str]) -> str:
-    sites = list(dict.fromkeys(f.site.name if f.site.source else f.name for f in facts))
-    return render(
-        "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
-        about=[_about(f) for f in facts], rows=rows, sections=[*_sections(facts)],
-        key=page_table(rows, [f.name for f in facts]), version=__version__,
+    sites = dict.fromkeys(f.dataset.site.name if f.dataset.site.source else f.name for f in facts)
+    page = render(
+        "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead, version=__version__, rows=rows,
+        about=[_about(f) for f in facts], sections=[*_sections(facts)], key=page_table(rows, names),
     )  # fmt: skip
+    return Report(page, _summary(facts, rows, lead), _tables(facts, rows), lead, zone)
 
 
 def _about(f: Facts) -> list[tuple[str, str]]:
     """Dataset, site, period, trucks, truck file, tariff and version."""
     made = f.dataset.meta["provenance"].get("version", "an unknown version")
     return [
-        ("Dataset", f"{f.name} ({f.dataset.kind})"), ("Site", f.site.name), ("Period", local_span(f)),
+        ("Dataset", f"{f.name} ({f.dataset.kind})"), ("Site", f.dataset.site.name), ("Period", local_span(f)),
         ("Trucks", f"{count(len(f.dataset.vehicles), 'truck')}, {count(f.dataset.rows, 'row')}"),
         ("Truck file", f.truck.name if f.truck else "none given"),
         ("Tariff", f.tariff.name if f.tariff else "none given"),
@@ -125,8 +120,8 @@ def _sections(facts: list[Facts]) -> Iterator[tuple[str, list[Part]]]:
 
 def added_results(dataset: Dataset, truck: Truck | None = None) -> Iterator[Result]:
     """Give the result of every added analysis that these data can answer."""
-    for name in added("fleetlog.analysis"):
-        function = part("fleetlog.analysis", "", name)
+    for entry in entries("fleetlog.analysis"):
+        function = part("fleetlog.analysis", "", entry.name)
         needed = [p.name for p in inspect.signature(function).parameters.values() if p.default is p.empty][1:]
         options: dict[str, Any] = {} if truck is None or "truck" not in needed else {"truck": truck}
         if set(needed) <= options.keys():
@@ -137,7 +132,7 @@ def added_results(dataset: Dataset, truck: Truck | None = None) -> Iterator[Resu
 def _summary(facts: list[Facts], rows: list[Row], lead: list[str]) -> dict[str, Any]:
     datasets = [
         {
-            "name": f.name, "path": str(f.dataset.path), "kind": f.dataset.kind, "site": f.site.name,
+            "name": f.name, "path": str(f.dataset.path), "kind": f.dataset.kind, "site": f.dataset.site.name,
             **{k: f.dataset.meta[k] for k in ("start", "end")}, "vehicles": len(f.dataset.vehicles),
             "figures": {r.figure.name: r.values[k] for r in rows},
             "left_out": f.left_out, "not_judged": f.missing,
@@ -168,23 +163,18 @@ def _tables(facts: list[Facts], rows: list[Row]) -> dict[str, pd.DataFrame]:
     return {**first, **{n: pd.concat(t, ignore_index=True) for n, t in out.items()}}
 
 
-@contextmanager
-def held(
-    target: Path | None, overwrite: bool, inputs: Iterable[Path]
-) -> Iterator[Callable[[dict[str, pd.DataFrame], str], None]]:
-    """Hold the place of the tables, if any; the function that is given writes them, times in a zone."""
+def held(target: Path | None, overwrite: bool, inputs: Iterable[Path]) -> AbstractContextManager[Path | None]:
+    """The place of the tables, if any, for :func:`write_tables`."""
     if target is None:
-        yield lambda tables, zone: None
-        return
+        return nullcontext()
     book = target.suffix.lower() == ".xlsx"
     if book and find_spec("xlsxwriter") is None:
         do = "install fleetlog[excel], or name a folder for Parquet files"
         raise InputError("writing .xlsx needs another package", do=do)
-    with atomic_output(target, "report tables", overwrite=overwrite, folder=not book, inputs=inputs) as out:
-        yield partial(_write_tables, out)
+    return atomic_output(target, "report tables", overwrite=overwrite, folder=not book, inputs=inputs)
 
 
-def _write_tables(path: Path, tables: dict[str, pd.DataFrame], zone: str) -> None:
+def write_tables(path: Path, tables: dict[str, pd.DataFrame], zone: str) -> None:
     """A file a table in a folder, else a sheet a table; there times are those of the zone: it knows none."""
     if path.is_dir():
         for name, table in tables.items():

@@ -49,10 +49,20 @@ def answer(asked: Asked) -> Answer:
     asked.varies = bool(asked.vary) or asked.runs != 1 or isinstance(asked.vehicles, str)
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
-    given, asked.site = asked.site, _site(asked)
+    given = asked.site
+    site: Site = strip() if asked.cycle else asked.like.site if given is None else inputs.as_site(given)
+    asked.site = replace(site, network=site.roads().without(asked.close)) if asked.close else site
     sources = [*read, asked.like.path] if like and is_url(like) else read
     asked.origin = {"inputs": sources, "seed": asked.seed, "site": asked.site if given is not None else None}
-    asked.physics = _physics(asked)
+    if asked.start is None:
+        recorded = asked.like is not None and asked.like.rows
+        asked.start = moment(asked.like.meta["start"]) if recorded else DEFAULT_START
+    physics = Physics(asked.truck)
+    if asked.physics is not None:
+        physics = inputs.as_physics(asked.physics, asked.truck, asked.site.network)
+    for name in asked.without:
+        chosen(all_terms(), name, f"unknown term {name!r}", ArgumentError, where="--without")
+    asked.physics = replace(physics, off=physics.off | frozenset(asked.without))
     if asked.varies:
         return _experiment(asked, read)
     target = scratch.folder() / "dataset" if asked.output is None else inputs.as_path(asked.output)
@@ -88,24 +98,8 @@ def _check(asked: Asked) -> None:
         raise ArgumentError(wrong[0].replace("_", "-"))
 
 
-def _site(asked: Asked) -> Site:
-    if asked.cycle:
-        return strip()
-    site: Site = asked.like.site if asked.site is None else inputs.as_site(asked.site)
-    return replace(site, network=site.roads().without(asked.close)) if asked.close else site
-
-
-def _physics(asked: Asked) -> Physics:
-    physics = Physics(asked.truck)
-    if asked.physics is not None:
-        physics = inputs.as_physics(asked.physics, asked.truck, asked.site.network)
-    for name in asked.without:
-        chosen(all_terms(), name, f"unknown term {name!r}", ArgumentError, where="--without")
-    return replace(physics, off=physics.off | frozenset(asked.without))
-
-
 def _experiment(asked: Asked, read: list[Path]) -> Answer:
-    from fleetlog.report.experiment import experiment_page
+    from fleetlog.report.content import experiment_page
 
     factors, fleet = list(asked.vary), asked.vehicles
     with destination(asked.output, "analysis", asked.overwrite, read) as keep:
@@ -144,7 +138,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     # Where the size of the fleet varies, the tasks are those of the recorded fleet.
     recorded = len(like.vehicles) if like else 8
     vehicles = asked.vehicles if isinstance(asked.vehicles, int) else recorded
-    start, demand, notes, driven = _start(asked), Demand(), list[str](), truck
+    start, demand, notes, driven = asked.start, Demand(), list[str](), truck
     own = {p.id for p in site.places}
     if like is not None:
         # Another fleet than the recorded one shares the tasks in its own way.
@@ -179,14 +173,7 @@ def _mission(asked: Asked, writer: DatasetWriter) -> Told:
 
 
 def _cycle(asked: Asked, writer: DatasetWriter) -> Told:
-    a, begin = asked, _start(asked)
-    watts = run_cycle(a.cycle, a.truck, a.duration, writer, a.physics, begin, a.soc)
+    a = asked
+    watts = run_cycle(a.cycle, a.truck, a.duration, writer, a.physics, a.start, a.soc)
     line = f"{a.cycle}: {watts / 1000.0:.3f} kWh/h at the battery"
     return {"cycle": a.cycle, "mean_power_w": watts}, [line]
-
-
-def _start(asked: Asked) -> int:
-    """When it begins [us since 1970]."""
-    if asked.start is not None:
-        return int(asked.start)
-    return DEFAULT_START if asked.like is None else moment(asked.like.meta["start"])

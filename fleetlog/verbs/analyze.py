@@ -1,6 +1,5 @@
 """Trips, stops, energy, density, heat maps, chargers of a dataset."""
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -22,9 +21,6 @@ OUTPUT = (
 
 class Analysis(Verb):
     """An analysis as a function of the library: inputs may be paths, the result can be saved and shown."""
-
-    def __init__(self, name: str, function: Callable[..., Any]) -> None:
-        super().__init__(function, name=name, added=(*JOBS, *OUTPUT))
 
     def run(self, given: dict[str, Any]) -> Answer:
         """Answer the question; write the answer to ``output`` where one is given."""
@@ -69,7 +65,7 @@ class Analyses:
     @cache
     def named(name: str) -> Analysis:
         """The analysis called ``name``, imported when first used."""
-        return Analysis(name, part(PACKAGE, "", name))
+        return Analysis(part(PACKAGE, "", name), name=name, added=(*JOBS, *OUTPUT))
 
     def __repr__(self) -> str:
         return f"<fleetlog.analyze: {', '.join(self.lines())}>"

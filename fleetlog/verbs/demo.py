@@ -4,7 +4,6 @@ import contextlib
 import shlex
 import shutil
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,6 @@ from fleetlog.api.verb import verb
 from fleetlog.listening import notice
 from fleetlog.store.output import atomic_output
 
-Step = tuple[str, str, tuple[Any, ...], dict[str, Any]]
-"""What is done in words, the command, its arguments and its options."""
 DEMO = tomllib.loads(Path(__file__).with_name("demo.toml").read_text(encoding="utf-8"))
 
 
@@ -47,10 +44,11 @@ def demo(
         return Answer("demo", summary, lines=[", ".join(names)], output=target, kind="sample data")
     target = as_path(output)
     with atomic_output(target, "demo", overwrite=overwrite) as scratch, contextlib.chdir(scratch):
-        for number, (what, name, given, options) in enumerate(steps(sample_folder()), start=1):
-            verb_, _, analysis = name.replace("import", "import_").partition(" ")
-            for line in ("", f"{number}. {what}", f"$ fleetlog {command_line(name, given, options)}"):
+        for number, step in enumerate(DEMO["step"], start=1):
+            for line in ("", f"{number}. {step['what']}", f"$ fleetlog {command_line(step)}"):
                 notice(line)
+            given, options = map(here, step["given"]), {k: here(v) for k, v in step["options"].items()}
+            verb_, _, analysis = step["command"].replace("import", "import_").partition(" ")
             for line in getattr(getattr(fleetlog, verb_), analysis or "__call__")(*given, **options).lines:
                 notice(line)
     notice("")
@@ -58,22 +56,16 @@ def demo(
     return Answer("demo", {"output": str(target)}, lines=lines, output=target, kind="demo")
 
 
-def steps(sample: Path) -> Iterator[Step]:
-    """What the demo does; outputs are names in the folder that it works in."""
-
-    def here(value: Any) -> Any:
-        return value.replace("SAMPLE", str(sample)) if isinstance(value, str) else value
-
-    for step in DEMO["step"]:
-        options = {name: here(value) for name, value in step["options"].items()}
-        yield step["what"], step["command"], tuple(map(here, step["given"])), options
+def here(value: Any) -> Any:
+    """An argument of a step, with the folder of the sample data in place of SAMPLE."""
+    return value.replace("SAMPLE", str(sample_folder())) if isinstance(value, str) else value
 
 
-def command_line(name: str, given: tuple[Any, ...], options: dict[str, Any]) -> str:
-    """What a person would type, with the folder of the sample data as SAMPLE."""
-    words = [*name.split(), *map(str, given)]
-    for option, value in options.items():
+def command_line(step: dict[str, Any]) -> str:
+    """What a person would type, with SAMPLE for the folder of the sample data."""
+    words = [*step["command"].split(), *step["given"]]
+    for option, value in step["options"].items():
         spelled = "o" if option == "output" else option.replace("_", "-")
         words.append(f"{'-' if len(spelled) == 1 else '--'}{spelled}")
         words += [] if value is True else [str(value)]
-    return shlex.join(words).replace(str(sample_folder()), "SAMPLE")
+    return shlex.join(words)

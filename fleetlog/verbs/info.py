@@ -97,7 +97,11 @@ def describe(path: Path) -> Figures:
         figures = {} if document is None else json.loads(document.read_text(encoding="utf-8"))
         made = {"kind": str(mark["kind"]), "path": str(path), "version": str(mark.get("version", "unknown"))}
         return {**made, "files": names, "summary": figures}
-    return {".rrd": _recording, ".toml": _truck_or_site}.get(path.suffix.lower(), _log_or_map)(path)
+    if path.suffix.lower() == ".rrd":
+        from fleetlog.view.viewer import describe_recording
+
+        return {"kind": "recording", "path": str(path), **describe_recording(path)}
+    return _truck_or_site(path) if path.suffix.lower() == ".toml" else _log_or_map(path)
 
 
 def _log_or_map(path: Path) -> Figures:
@@ -125,21 +129,17 @@ def _dataset(path: Path) -> Figures:
     told = ("format_version", "site", "vehicles", "start", "end", "rows", "columns", "provenance")
     replay = (path / "recording.rrd").is_file()
     counts = {"recorded": d.kind, "trips": len(d.trips), "days": len(d.dates), "replay": replay}
-    return {"kind": "dataset", "path": str(path), **{k: d.meta[k] for k in told}, **counts, **_events(d)}
-
-
-def _events(dataset: Dataset) -> Figures:
-    """What the tables beside the trajectories say; nothing where there are none."""
-    tasks, stretches = read_table(dataset, "tasks"), read_table(dataset, "activities")
+    figures = {"kind": "dataset", "path": str(path), **{k: d.meta[k] for k in told}, **counts}
+    tasks, stretches = read_table(d, "tasks"), read_table(d, "activities")
     if tasks is None or stretches is None:
-        return {}
+        return figures
     status = {str(k): int(n) for k, n in tasks["status"].value_counts().items()}
     lasted = (stretches["end"] - stretches["start"]).dt.total_seconds()
     hours = lasted.groupby(stretches["activity"]).sum() / 3600.0
-    return {
+    return figures | {
         "tasks": {"all": len(tasks), **status},
         "charging_visits": int((stretches["activity"] == "charge").sum()),
-        "reservations": int(dataset.meta["tables"]["reservations"]["rows"]),
+        "reservations": int(d.meta["tables"]["reservations"]["rows"]),
         "activity_hours": {str(k): round(float(h), 4) for k, h in hours.items()},
     }
 
@@ -200,9 +200,3 @@ def _truck_or_site(path: Path) -> Figures:
     if given & {"network", "frame", "place", "zone", "building"}:
         return _map(path)
     raise InputError("is neither a truck ([chassis]) nor a site ([network])", where=path, do="see docs")
-
-
-def _recording(path: Path) -> Figures:
-    from fleetlog.view.viewer import describe_recording
-
-    return {"kind": "recording", "path": str(path), **describe_recording(path)}

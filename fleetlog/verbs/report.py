@@ -30,7 +30,7 @@ def report(
     diagnosis : run diagnose where a truck is given.
     tables : write the tables too: a folder for Parquet files, or NAME.xlsx.
     output : HTML page to write."""
-    from fleetlog.report.report import Report, held
+    from fleetlog.report.report import Report, held, write_tables
     from fleetlog.report.report import report as reported
 
     given = cast("Sequence[DatasetLike]", datasets)
@@ -42,11 +42,12 @@ def report(
     read = inputs.files_of(datasets, truck, tariff)
     with (
         destination(output, "report", overwrite, read, folder=False) as keep,
-        held(None if tables is None else inputs.as_path(tables), overwrite, read) as write_tables,
+        held(None if tables is None else inputs.as_path(tables), overwrite, read) as place,
     ):
         found = Report(inputs.existing(pages[0]).read_text("utf-8")) if pages else None
         found = found or reported(opened, truck=model, tariff=prices, timezone=timezone, diagnosis=diagnosis)
-        write_tables(found.tables, found.zone)
+        if place is not None:
+            write_tables(place, found.tables, found.zone)
         answer = Answer("report", found.summary, found.tables, lines=found.lines, value=found)
         answer.page = found.html
         answer.write = lambda file: file.write_text(found.html, encoding="utf-8")

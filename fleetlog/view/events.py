@@ -45,7 +45,6 @@ BLOCK = 200_000  # Lines held in memory at once
 MOST_WAITING = 60  # Arcs of waiting tasks that are drawn at most
 CURVE_POINTS = 120  # Of a curve, each a mean over the time to the next: of a long shift it were else a band
 FLOOR, UP = np.array([0.0, 0.0, 0.14]), np.array([0.0, 0.0, 0.6])  # Reservations, arcs' ends: height [m]
-MOMENTS = ("earliest", "assigned", "picked", "dropped")
 
 
 @dataclass(frozen=True)
@@ -203,7 +202,7 @@ def _log_curves(stream: Stream, h: Happenings, name: str, *, activity: bool) -> 
     """Open tasks by stage, and with ``activity`` the trucks by what they do, in means."""
     first, last = int(h.activities["start"].min()), int(h.activities["end"].max())
     edges = np.linspace(first, last, min(CURVE_POINTS, (last - first) // 1_000_000) + 1).astype(np.int64)
-    moments = itertools.pairwise(h.tasks[m].to_numpy() for m in MOMENTS)
+    moments = itertools.pairwise(h.tasks[["earliest", "assigned", "picked", "dropped"]].to_numpy().T)
     curves = {("open", stage): ends for stage, ends in zip(palette.STAGES, moments, strict=True)}
     for doing, rows in h.activities.groupby("activity", observed=True) if activity else ():
         curves["activity", str(doing)] = rows["start"].to_numpy(), rows["end"].to_numpy()

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap, Normalize
 
 Colour = tuple[int, int, int]
-Share = tuple[float, float, float]
 
 # Okabe and Ito's colours, which colour-blind people tell apart; on dark ground blue is lighter, no black.
 _VEHICLES: tuple[Colour, ...] = (
@@ -66,7 +65,7 @@ def vehicle_colour(number: int) -> Colour:
     return int(255 * r), int(255 * g), int(255 * b)
 
 
-def paper_colour(name: str, number: int) -> Share:
+def paper_colour(name: str, number: int) -> tuple[float, float, float]:
     """Of a curve or part on white paper, from 0 to 1: of its name, or darker of the ``number``-th vehicle."""
     r, g, b = NAMED.get(name) or (0.82 * c for c in vehicle_colour(number))
     return r / 255, g / 255, b / 255

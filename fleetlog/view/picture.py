@@ -105,6 +105,9 @@ def _draw(
     zone: str | None = None,
 ) -> None:  # fmt: skip
     """A panel, or a map."""
+    if shape is not None:
+        axes.set_title(shape.y_label if isinstance(shape, Spread) else shape.name.replace("_", " "))
+    axes.set_axisbelow(True if isinstance(shape, Panel) else "line")
     if isinstance(shape, Series):
         draw_series(axes, shape, zone or site.timezone)
     elif isinstance(shape, Spread):
@@ -119,8 +122,6 @@ def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale
     x0, y0, x1, y1 = frame_map(result, site)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal")
     draw_site(axes, site)
-    if layer is not None:
-        axes.set_title(layer.name.replace("_", " "))
     if isinstance(layer, Grid) or (isinstance(layer, EdgeValues) and site.network is not None):
         scale = scale or scales_of(result.shapes)[layer.name]
         draw: Any = draw_grid if isinstance(layer, Grid) else draw_edges
@@ -155,13 +156,12 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
             mark = "." if len(x) <= FEW else ""
             look: Any = {"color": palette.paper_colour(name, i), "clip_on": not mark, "label": name}
             axes.plot(x, y, marker=mark, ls="-", lw=1.1, **look)
-    axes.set_title(series.name.replace("_", " "))
     axes.set_xlabel(f"time ({zone.replace('_', ' ')})" if series.over_time else series.x_label)
     axes.set_ylabel(series.y_label)
     axes.margins(x=0)
     if series.counts:
         axes.set_ylim(bottom=0.0)
-    _lines(axes, "y")
+    axes.grid(axis="y", color=GRID, lw=0.6)
     if len(names) > 1:
         _legend(axes, names)
 
@@ -203,8 +203,7 @@ def draw_bars(axes: Axes, bars: Bars) -> None:
         axes.set_xlim(0.0, 1.0)
     axes.set_yticks(at, [t if len(t) <= MAX_LABEL else t[: MAX_LABEL - 1] + "…" for t in labels])
     axes.set(ylim=(max(len(labels), 1) - 0.5, -0.5), xlabel=bars.label)
-    axes.set_title(bars.name.replace("_", " "))
-    _lines(axes, "x")
+    axes.grid(axis="x", color=GRID, lw=0.6)
     if bars.parts:
         axes.margins(x=0)
         _legend(axes, list(bars.parts))
@@ -235,21 +234,15 @@ def draw_spread(axes: Axes, spread: Spread) -> None:
         look |= {"yerr" if number else "xerr": half, "fmt": "o-" if number else "o", "label": name or None}
         ends: Any = [places[known], np.array([runs[j].mean() for j in known])][along]
         axes.errorbar(*ends, lw=1.2, capsize=3, **look)
-    axes.set_title(spread.y_label)
     if number:
         axes.set_xticks(at, list(spread.values))
         axes.set(xlabel=spread.x_label, ylim=(0.0, None))
     else:
         axes.set_yticks(at, list(spread.values))
         axes.set(ylabel=spread.x_label, ylim=(len(at) - 0.5, -0.5))
-    _lines(axes, "y" if number else "x")
+    axes.grid(axis="y" if number else "x", color=GRID, lw=0.6)
     if any(spread.curves):
         _legend(axes, list(spread.curves))
-
-
-def _lines(axes: Axes, along: Any) -> None:
-    axes.grid(axis=along, color=GRID, lw=0.6)
-    axes.set_axisbelow(True)
 
 
 def _legend(axes: Axes, names: Sequence[str]) -> None:

@@ -50,7 +50,6 @@ STEP_RATE = 1.0  # Steps a second of many trucks at most
 BLOCK = 400_000  # Positions held in memory at once
 MOVING = 0.2
 TRAIL_EVERY, MAP_EVERY = 2, 4
-PALE: Colour = (205, 210, 218)
 FLEET_CURVES: dict[str, dict[str, tuple[float, Colour]]] = {
     "speed": {"slowest tenth": (0.1, (213, 94, 0)), "median": (0.5, (225, 228, 235)),
               "fastest tenth": (0.9, (86, 180, 233))},
@@ -152,7 +151,7 @@ def summary_markdown(dataset: Dataset, figures: bool) -> str:
 
 def log_together(stream: Stream, fleet: Fleet) -> set[str]:
     """The whole fleet, day by day through a scratch file, so that memory does not grow; its signals."""
-    centre, half, colour = np.array(LOAD_CENTRE), np.array(LOAD_HALF), fleet.colour or PALE
+    centre, half, colour = np.array(LOAD_CENTRE), np.array(LOAD_HALF), fleet.colour or (205, 210, 218)
     load = box((centre - half).tolist(), (centre + half).tolist(), (196, 150, 96))
     for names, archetype in {
         ("trucks", "bodies"): mesh3d([*truck_body(colour), *truck_fork()]),

@@ -30,7 +30,8 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
     outline = shapes_outline(result, site)
     extent = around(outline)
     moving = [s.time for s in result.shapes if isinstance(s, MovingLines)]
-    times = np.concatenate([np.zeros(0, np.int64), *moving, *(np.asarray(s.x) for s in _curves(result))])
+    curves = [s for s in result.shapes if isinstance(s, Series) and s.over_time]
+    times = np.concatenate([np.zeros(0, np.int64), *moving, *(np.asarray(s.x) for s in curves)])
     clock = skipping(np.unique(times // MINUTE))
     with open_stream(Path(out_rrd), f"{site.name}, {result.name}") as stream:
         stream.clock = clock
@@ -49,7 +50,7 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
             screen.start, screen.duration = int(times.min()), float(np.ptp(times)) * 1e-6
         if clock is not None:
             screen.timeline, screen.duration = SKIPPED, clock.seconds
-        _send_layout(stream, result, screen)
+        _send_layout(stream, result, screen, curves[:3])
     return Path(out_rrd)
 
 
@@ -165,11 +166,7 @@ def _title(name: str) -> str:
     return name.replace("_", " ").capitalize()
 
 
-def _curves(result: Result) -> list[Series]:
-    return [s for s in result.shapes if isinstance(s, Series) and s.over_time]
-
-
-def _send_layout(stream: Stream, result: Result, screen: blueprint.Screen) -> None:
+def _send_layout(stream: Stream, result: Result, screen: blueprint.Screen, curves: list[Series]) -> None:
     """One plan a map; beside them the curves and the answer."""
     outline = screen.outline
     maps: list[Any] = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS] or [None]
@@ -195,7 +192,7 @@ def _send_layout(stream: Stream, result: Result, screen: blueprint.Screen) -> No
             [f"{entity('curves', s.name)}/**"], 1 < len(s.y) <= 8, rrb.Corner2D.LeftTop,
             **blueprint.time_of(screen, slow=True, names=tuple(s.y) if 1 < len(s.y) <= 8 else ()),
         )
-        for s in _curves(result)[:3]
+        for s in curves
     ]  # fmt: skip
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
     left = [rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)] if plans else []

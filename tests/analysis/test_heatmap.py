@@ -7,14 +7,18 @@ from hypothesis import strategies as st
 
 from fleetlog.analysis.heatmap import difference, heatmap
 from fleetlog.analysis.kernels import accumulate
-from fleetlog.analysis.occupancy import cells_of, compute, compute_by, extent, values
+from fleetlog.analysis.occupancy import cells_of, compute, extent, values
 from fleetlog.errors import DataError
 
 from .conftest import write
 
 
+def map_of(dataset, cells, **chosen):
+    return compute(dataset, cells, **chosen)["all"]
+
+
 def test_time_distance_and_energy_are_conserved(fleet):
-    m = compute(fleet, cells_of([extent(fleet)], 1.0))
+    m = map_of(fleet, cells_of([extent(fleet)], 1.0))
     seconds = sum(len(t) - 1 for t in fleet.days())
     assert m.grid[0].sum() == pytest.approx(seconds)
     energy = sum(
@@ -28,19 +32,19 @@ def test_time_distance_and_energy_are_conserved(fleet):
 
 @pytest.mark.parametrize("cell", [0.5, 2.0, 7.0])
 def test_the_cell_size_changes_no_total(fleet, cell):
-    fine, other = (compute(fleet, cells_of([extent(fleet)], c)) for c in (1.0, cell))
+    fine, other = (map_of(fleet, cells_of([extent(fleet)], c)) for c in (1.0, cell))
     assert np.allclose(fine.grid[:4].sum(axis=(1, 2)), other.grid[:4].sum(axis=(1, 2)))
 
 
 def test_maps_add_over_vehicles(fleet):
     cells = cells_of([extent(fleet)], 1.0)
-    parts = [compute(fleet, cells, vehicles=(v,)) for v in fleet.vehicles]
+    parts = [map_of(fleet, cells, vehicles=(v,)) for v in fleet.vehicles]
     total = parts[0]
     for p in parts[1:]:
         total = total + p
-    whole = compute(fleet, cells)
+    whole = map_of(fleet, cells)
     assert np.allclose(total.grid, whole.grid) and np.allclose(total.edges, whole.edges)
-    states = [compute(fleet, cells, state=s) for s in ("laden", "empty")]
+    states = [map_of(fleet, cells, state=s) for s in ("laden", "empty")]
     assert np.allclose(states[0].grid[0] + states[1].grid[0], whole.grid[0])
 
 
@@ -86,7 +90,7 @@ def test_passages_count_entries_not_rows():
 
 def test_speed_is_the_mean_over_time(fleet):
     cells = cells_of([extent(fleet)], 1000.0)
-    m = compute(fleet, cells)
+    m = map_of(fleet, cells)
     v = np.nansum(values(m.grid, "speed", 1.0) * m.grid[0]) / m.grid[0].sum()
     assert v == pytest.approx(m.grid[1].sum() / m.grid[0].sum())
 
@@ -94,10 +98,10 @@ def test_speed_is_the_mean_over_time(fleet):
 def test_the_same_fleet_shows_no_difference_and_another_does(tmp_path):
     a, b = write(tmp_path / "a", range(12), 1800), write(tmp_path / "b", range(20, 32), 1800)
     cells = cells_of([extent(a), extent(b)], 5.0)
-    _, mask = difference(compute(a, cells), compute(b, cells))
+    _, mask = difference(map_of(a, cells), map_of(b, cells))
     assert mask.mean() < 0.02
-    stay = compute(b, cells)
-    moved = compute(a, cells)
+    stay = map_of(b, cells)
+    moved = map_of(a, cells)
     corner = 2 * cells.columns + 2
     for k, (cell, time) in enumerate(
         moved.units
@@ -127,7 +131,7 @@ def test_result_and_errors(fleet, tmp_path):
 @pytest.mark.parametrize("by", ["hour", "vehicle", "load"])
 def test_the_maps_of_groups_add_up_to_the_whole(fleet, by):
     cells = cells_of([extent(fleet)], 2.0)
-    parts, whole = compute_by(fleet, cells, by), compute(fleet, cells)
+    parts, whole = compute(fleet, cells, by), map_of(fleet, cells)
     assert len(parts) > 1 or by == "hour"
     # A truck whose load changes in a cell, or over an hour, came into it once.
     assert np.allclose(sum(p.grid for p in parts.values()), whole.grid)

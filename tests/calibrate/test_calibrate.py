@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from fleetlog.calibrate.fit import UNKNOWNS, Fit, fit
 from fleetlog.calibrate.observe import Run, of_motion, of_runs, read_runs, together
 from fleetlog.calibrate.report import blind_line, lines, summary, truck_toml
-from fleetlog.cli.commands import load_verb
+from fleetlog.cli.main import load_verb
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck, load_truck, truck_from_dict
 from fleetlog.errors import InputError

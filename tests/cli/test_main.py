@@ -6,8 +6,7 @@ import sys
 import click
 import pytest
 
-from fleetlog.cli.commands import verb_lines
-from fleetlog.cli.main import cli
+from fleetlog.cli.main import cli, verb_lines
 
 
 def run(*args, **more):

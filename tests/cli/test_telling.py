@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from fleetlog.cli.commands import wrapped
-from fleetlog.cli.main import cli
+from fleetlog.cli.main import cli, wrapped
 
 
 def test_sentences_break_between_words_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:

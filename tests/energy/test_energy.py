@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from shuttle import LENGTH, recorded, street, truth
 
 from fleetlog.analysis.energy import energy
-from fleetlog.cli.commands import command_of
+from fleetlog.cli.main import command_of
 from fleetlog.core.motion import Motion
 from fleetlog.core.result import EdgeValues, Result, Series
 from fleetlog.core.site import Site, Zone

@@ -7,8 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 import fleetlog
-from fleetlog.cli.commands import verb_lines
-from fleetlog.cli.main import cli
+from fleetlog.cli.main import cli, verb_lines
 from fleetlog.exporters.base import FORMATS
 from fleetlog.store import Dataset
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from fleetlog.cli.commands import load_verb
+from fleetlog.cli.main import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.exporters import base
 from fleetlog.importers.base import importers

@@ -23,8 +23,7 @@ from fleetlog.analysis.heatmap import heatmap
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.trips import trips
 from fleetlog.api.answer import Answer
-from fleetlog.cli.commands import printable
-from fleetlog.cli.main import cli
+from fleetlog.cli.main import cli, printable
 from fleetlog.core.network import Edge, build_network
 from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Site

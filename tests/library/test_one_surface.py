@@ -18,8 +18,7 @@ from click.testing import CliRunner
 import fleetlog
 import fleetlog.analysis
 from fleetlog.api.verb import Verb
-from fleetlog.cli.commands import OPTIONAL_OUTPUT, TELLING, verb_lines
-from fleetlog.cli.main import cli
+from fleetlog.cli.main import OPTIONAL_OUTPUT, TELLING, cli, verb_lines
 from fleetlog.core.arguments import Between, count_or_range, hour_range, moment, seconds, shift_hours
 from fleetlog.registry import part_lines
 from fleetlog.verbs.analyze import analyze

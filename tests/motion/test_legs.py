@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from recorded import Logger, drives, logged
 
 from fleetlog.analysis.energy import energy
-from fleetlog.calibrate.observe import of_dataset
+from fleetlog.calibrate.observe import observations
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion import reconstruct
@@ -93,7 +93,7 @@ def test_the_same_dataset_has_the_same_energy_everywhere(
     dataset, truck = recording
     physics = Physics(truck)
     analysed = energy(dataset, truck).summary
-    calibrated = of_dataset(dataset, physics)
+    calibrated = observations(dataset.path, physics)
     assert calibrated.predict(physics).sum() / 1000.0 == pytest.approx(analysed["energy_kwh"], rel=1e-3)
     assert analysed["energy_kwh"] == pytest.approx(analysed["measured_kwh"], rel=0.01)
     with DatasetWriter.create(tmp_path / "again", "simulated", dataset.site) as writer:

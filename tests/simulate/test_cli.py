@@ -5,7 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from fleetlog.cli.commands import load_verb
+from fleetlog.cli.main import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.store import Dataset
 from fleetlog.store.events import read_table

@@ -11,7 +11,7 @@ from scipy import stats
 from simulated_sites import TRUCK, grid, place
 
 from fleetlog import engines
-from fleetlog.cli.commands import load_verb
+from fleetlog.cli.main import load_verb
 from fleetlog.core.arguments import factor
 from fleetlog.core.result import half_width
 from fleetlog.errors import DataError, InputError, OutputError

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from laws import corners, overlap, overlaps
 from simulated_sites import TRUCK, crossing, grid, place
 
-from fleetlog.cli.commands import load_verb
+from fleetlog.cli.main import load_verb
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.simulate.mission import replay
 from fleetlog.store import Dataset, DatasetWriter

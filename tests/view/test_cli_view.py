@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from ink import INK, colour_ink
 
-from fleetlog.cli.commands import load_verb
+from fleetlog.cli.main import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.view import viewer
 from fleetlog.view.viewer import ViewerError

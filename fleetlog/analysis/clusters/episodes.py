@@ -30,14 +30,25 @@ def episodes(c: Crowds, limit: float, step: int, least: int) -> tuple[Ints, pd.D
     of every cluster, -1 for none; and a row an episode: its ``first`` and ``last`` cluster, how many
     ``steps`` it lasts, ``max_size``, ``min_mean_speed``, how it was ``born`` and how it ``died``."""
     size, time, speed = (c.clusters[name] for name in ("size", "time", "mean_speed"))
-    pairs = _overlaps(c, step)
-    before, after, common = (pairs[name].to_numpy() for name in pairs)
+    # Clusters of one step and the next that share members, and how many they have in common.
+    cluster, truck = c.owner, c.members["truck"]
+    order = np.lexsort((time[cluster], truck))
+    truck, cluster = truck[order], cluster[order]
+    stays = (truck[1:] == truck[:-1]) & (np.diff(time[cluster]) == step)
+    key, common = np.unique(cluster[:-1][stays] * len(size) + cluster[1:][stays], return_counts=True)
+    before, after = np.divmod(key, max(len(size), 1))
+    pairs = pd.DataFrame({"before": before, "after": after})
     share = common / (size[before] + size[after] - common)
     best = pairs.assign(share=-share)[share >= JACCARD].sort_values(["share", "after", "before"])
     matched = best.drop_duplicates("after").drop_duplicates("before")
     parent = np.full(len(size), -1)  # (C,) the cluster of the step before that each continues
     parent[matched["after"]] = matched["before"]
-    of = _critical(parent, speed, limit)
+    of, begun = np.full(len(size), -1), 0  # (C,) the episode of each, numbered as they begin, -1 for none
+    for k, (p, v) in enumerate(zip(parent.tolist(), speed.tolist(), strict=True)):
+        was = of[p] if p >= 0 else -1
+        if v < (limit if was < 0 else limit * LEAVE):
+            of[k] = begun if was < 0 else was
+            begun += was < 0
     inside = np.flatnonzero(of >= 0)
     each = pd.DataFrame({"cluster": inside, "size": size[inside], "speed": speed[inside]}).groupby(of[inside])
     found = each.agg(
@@ -56,29 +67,6 @@ def episodes(c: Crowds, limit: float, step: int, least: int) -> tuple[Ints, pd.D
     number = np.full(len(found) + 1, -1)
     number[kept.index] = np.arange(len(kept))
     return number[of], kept.reset_index(drop=True)
-
-
-def _critical(parent: Ints, speed: Floats, limit: float) -> Ints:
-    """(C,) the episode of every cluster, numbered as they begin, -1 for none."""
-    of, begun = np.full(len(parent), -1), 0
-    for k, (p, v) in enumerate(zip(parent.tolist(), speed.tolist(), strict=True)):
-        before = of[p] if p >= 0 else -1
-        if v < (limit if before < 0 else limit * LEAVE):
-            of[k] = begun if before < 0 else before
-            begun += before < 0
-    return of
-
-
-def _overlaps(c: Crowds, step: int) -> pd.DataFrame:
-    """Clusters of one step and the next that share members: ``before``, ``after``, how many in ``common``."""
-    cluster, truck, count = c.owner, c.members["truck"], len(c.clusters["size"])
-    time = c.clusters["time"][cluster]
-    order = np.lexsort((time, truck))
-    a, b = order[:-1], order[1:]
-    stays = (truck[a] == truck[b]) & (time[b] - time[a] == step)
-    key, common = np.unique(cluster[a[stays]] * count + cluster[b[stays]], return_counts=True)
-    before, after = np.divmod(key, max(count, 1))
-    return pd.DataFrame({"before": before, "after": after, "common": common})
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,6 @@ NEXT_BEST = {
     "standing": ("no truck stood for long enough", "visits"),
 }
 """Where there is no demand of a kind: why, and what is taken in its place."""
-NOTHING = "nothing of the kind in the data"
 VOTE_LENGTH = 30.0
 MAX_LEFT_OUT = 30  # So many days or trucks are left out in turn, to see how stable a choice is
 
@@ -149,10 +148,9 @@ def vote_scores(share: Floats, distance: Floats, length: float) -> Floats:
 
 def driving_costs(network: Network, metric: Metric, truck: Truck | None = None) -> Floats:
     """(n, n) cheapest drive from vertex (row) to vertex (column) in m, s or Wh; inf where there is none."""
-    if metric == "distance":
-        return vertex_distances(network)
-    if metric == "time":
-        return vertex_distances(network, network.length / edge_speeds(network, truck))
+    if metric != "energy":
+        seconds = network.length / edge_speeds(network, truck)
+        return vertex_distances(network, seconds if metric == "time" else network.length)
     if truck is None:
         raise DataError("the metric energy needs a truck", do="name one with --truck")
     return vertex_distances(network, edge_energies(network, truck))
@@ -235,7 +233,8 @@ def weigh(units: list[Unit], q: Question) -> Weighed:
         why, used = NEXT_BEST[used]
         notices.append(f"{why}, so sites are chosen by {'visits' if used == 'visits' else 'standing time'}")
     if not options[used].any():
-        raise DataError(f"demand {q.demand!r} is empty: {NOTHING}", do="choose another --demand")
+        what = f"demand {q.demand!r} is empty: nothing of the kind in the data"
+        raise DataError(what, do="choose another --demand")
     return Weighed(share, ranks, options[used], used, notices)
 
 

@@ -9,7 +9,6 @@ import pandas as pd
 from fleetlog.analysis.placement.plan import UNITS, Question, Unit, Weighed, peak, total
 from fleetlog.analysis.placement.select import Choice, finite, greedy, top_k
 from fleetlog.core.arrays import Floats, Ints
-from fleetlog.core.network import Network
 from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, listed, percent
@@ -78,15 +77,6 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
         "urgent_hours": hours, "plugs": plugs, "urgent_hours_per_plug": hours / plugs,
         "label": [f"{i + 1} ({percent(s)})" for i, s in enumerate(served)],
     })  # fmt: skip
-
-
-def vertex_table(network: Network, w: Weighed) -> pd.DataFrame:
-    """Every vertex by its rank."""
-    xy = network.node_points
-    return pd.DataFrame({
-        "vertex": network.node_ids, "x": xy[:, 0], "y": xy[:, 1], "heat_share": w.share, "rank": w.ranks,
-        "demand_share": w.weight / w.weight.sum(),
-    }).sort_values("rank", ascending=False, ignore_index=True)  # fmt: skip
 
 
 def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
