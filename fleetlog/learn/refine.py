@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 from fleetlog.core.arrays import Floats, Indices, Mask
 from fleetlog.core.network import reduced
 from fleetlog.learn.cells import Driven
-from fleetlog.learn.lines import Chain, way
-from fleetlog.learn.shape import ends
+from fleetlog.learn.lines import Chain, ends, way
 
 STEP = 1.0  # distance of the stations of a centre line [m]
 SMOOTH = 2.0  # standard deviation of the smoothing along a line [m]
@@ -22,6 +21,7 @@ PULL = 0.3  # weight of where a junction was against a line through it: roads th
 FINE = 0.1  # vertices that are not needed to stay within this of a line are left out [m]
 FARTHEST_END = 6.0  # a dead end is carried on by this at most [m]
 FARTHEST = 2.5  # a junction moves no farther than this [m]
+SELDOM = 0.06  # a direction with a smaller share of the other one's passes is not one in which trucks drive
 
 
 @dataclass(frozen=True)
@@ -99,13 +99,14 @@ def _owners(
     return tangent, use, station[near[use]], (sign[near[use]] < 0.0).astype(np.intp)
 
 
-def passes(chains: list[Chain], cells: Driven, reach: float) -> Floats:
-    """(n, 2) how often each metre of a chain was driven forth and back, manoeuvres aside."""
+def ways_driven(chains: list[Chain], cells: Driven, reach: float) -> Mask:
+    """(n, 2) whether trucks drive each chain forth and back, by the passes over it, manoeuvres aside."""
     chains = [_resampled(c) for c in chains]
     _, use, at, back = _owners(chains, np.ones((len(chains), 2), bool), cells, reach)
     owner = np.repeat(np.arange(len(chains)), [len(c.points) for c in chains])[at]
     metres = np.bincount(2 * owner + back, cells.weight[use], 2 * len(chains)).reshape(-1, 2)
-    return np.asarray(metres / np.array([max(c.length, STEP) for c in chains])[:, None])
+    passes = metres / np.array([max(c.length, STEP) for c in chains])[:, None]
+    return np.asarray(passes > SELDOM * passes[:, ::-1])
 
 
 def _fitted(chains: list[Chain], driven: Mask, cells: Driven, reach: float) -> list[Fit]:
