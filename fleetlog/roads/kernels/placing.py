@@ -3,7 +3,8 @@
 import math
 
 from fleetlog.compiling import inner, outer
-from fleetlog.roads.kernels.records import Lines, Placed, Routes, Rows, Wide
+from fleetlog.core.arrays import Floats, Index
+from fleetlog.roads.kernels.records import Lines, Routes, Rows, Wide
 
 
 @inner
@@ -61,14 +62,16 @@ def smooth_coordinate(rows: Rows, a: int, b: int, accel: float) -> None:
 @outer
 def place_points(
     rows: Rows, begins: Wide, ends: Wide, routes: Routes, lines: Lines, acceleration: float, lasting: float,
-    out: Placed,
+    out: tuple[Index, Floats, Floats, Floats],
 ) -> None:  # fmt: skip
-    """Place every row that a stretch covers (from ``begins`` to ``ends``, (S,)), into ``out``.
+    """Edge, offset [m], lateral distance [m] and confidence, ``out`` (N,), of every row that a stretch covers
+    (from ``begins`` to ``ends``, (S,)).
 
     Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is
     projected onto the tangent of the route.  In a third the rows are placed.  ``acceleration`` is its density
     along the route [m2/s3], ``lasting`` the variance of errors that last from group to group [m2]."""
     place, along, where = routes.place, lines.along, rows.where
+    edge, offsets, lateral, confidence = out
     for s in range(len(begins)):
         a, b, lo, last = begins[s], ends[s], routes.firsts[s], routes.firsts[s + 1] - 1
         end = place[last] + routes.end[last] - routes.begin[last]
@@ -93,11 +96,11 @@ def place_points(
                 if turn < 2:
                     rows.seen[i] = c + (dx * ux + dy * uy) * lines.stretch[k] - (offset - along[k])
                     continue
-                out.edge[i], out.offset[i], out.lateral[i] = e, offset, dy * ux - dx * uy
+                edge[i], offsets[i], lateral[i] = e, offset, dy * ux - dx * uy
                 width = math.sqrt(2.0 * (rows.sd[i] * rows.sd[i] + lasting) + 1e-6)
                 low = -1.0 if piece == lo else math.erf((place[piece] - c) / width)
                 high = 1.0 if piece == last else math.erf((place[piece + 1] - c) / width)
-                out.confidence[i] = rows.near[i] * 0.5 * (high - low)
+                confidence[i] = rows.near[i] * 0.5 * (high - low)
             if turn < 2:
                 smooth_coordinate(rows, a, b, acceleration)
             if turn == 1:
