@@ -159,11 +159,17 @@ def _middle(mean: Floats, seen: Mask) -> Floats:
 
 def _meeting(fits: list[Fit]) -> list[Fit]:
     """Every junction where the roads point to, and the roads straight into it; two that meet just go on."""
-    points = [f.chain.points for f in fits]
     at = ends([f.chain for f in fits]).items()
-    where = {n: _node([points[k][:: 1 if begins else -1] for k, begins in arms]) for n, arms in at}
-    onward = {n for n, arms in at if len(arms) == 2}
-    return [replace(f, chain=_tied(f.chain, where, onward)) for f in fits]
+    where = {n: _node([fits[k].chain.points[:: 1 if begins else -1] for k, begins in arms]) for n, arms in at}
+    onward, out = {n for n, arms in at if len(arms) == 2}, []
+    for f in fits:
+        # What lies within a junction's reach gives way to a straight line.
+        c, s = f.chain, way(f.chain.points)
+        first, last = (0.0 if n in onward else min(CLEAR, 0.3 * s[-1]) for n in (c.start, c.end))
+        inner = c.points[(s > first) & (s < s[-1] - last)]
+        points = np.vstack([where[c.start], inner, where[c.end]])
+        out.append(replace(f, chain=replace(c, points=points)))
+    return out
 
 
 def _node(arms: list[Floats]) -> Floats:
@@ -188,12 +194,3 @@ def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
     middle = piece.mean(axis=0)
     _, _, axes = np.linalg.svd(piece - middle)
     return middle, axes[0]
-
-
-def _tied(c: Chain, where: dict[int, Floats], onward: set[int]) -> Chain:
-    """The chain from node to node: what lies within a junction's reach gives way to a straight line."""
-    s = way(c.points)
-    clear = min(CLEAR, 0.3 * s[-1])
-    first, last = (0.0 if n in onward else clear for n in (c.start, c.end))
-    inner = c.points[(s > first) & (s < s[-1] - last)]
-    return replace(c, points=np.vstack([where[c.start], inner, where[c.end]]))

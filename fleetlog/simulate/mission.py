@@ -1,7 +1,7 @@
 """The same mission as a recording, as the model drives it: each truck by itself, so that what differs is the
 physics and not the traffic, or in one another's way."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,6 @@ from fleetlog.core.arrays import Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
-from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.motion.legs import Leg, SpeedProfile
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.junctions import half_box
@@ -52,10 +51,16 @@ def replay(
     shifted to the simulated arrival; where a trip takes longer than it took, the next one sets off later.
     ``together`` the trucks keep to their lanes and wait for one another.  ``temperature`` of the air [degC]
     holds where the recording has none."""
-    replays = _replays(dataset, truck, writer, physics or Physics(truck), together, temperature)
-    lost, past = None, None
+    network, physics, lost, past = dataset.site.network, physics or Physics(truck), None, None
+    lanes = np.zeros(1 if network is None else len(network))
+    if together and network is not None:
+        lanes = lane_shift(network, truck, dataset.site.traffic)
+    recorded = (t for vehicle in dataset.vehicles if len(t := dataset.read(vehicle)) > 1)
+    replays: Iterable[VehicleReplay] = (
+        VehicleReplay(t, dataset, truck, physics, writer, lanes, temperature) for t in recorded
+    )
     if together:
-        replays = iter(found := list(replays))
+        replays = found = list(replays)
         lost, past = meet_again(found, truck)
     total, rows, trips, own = np.zeros(6), 0, 0, 0
     for i, one in enumerate(replays):
@@ -69,20 +74,6 @@ def replay(
         raise DataError("the recording has no trip", where=dataset.path, do=do)
     distance, duration, energy = (float(b / a) if a > 0.0 else float("nan") for a, b in total.reshape(2, 3).T)
     return MissionSummary(len(dataset.vehicles), trips, rows, distance, duration, energy, own, lost, past)
-
-
-def _replays(
-    data: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics, together: bool, temperature: float
-) -> Iterator[VehicleReplay]:
-    network = data.site.network
-    lanes = np.zeros(1 if network is None else len(network))
-    if together and network is not None:
-        lanes = lane_shift(network, truck, data.site.traffic)
-    for vehicle in data.vehicles:
-        if len(recorded := data.read(vehicle)) > 1:
-            found = reconstruct(measured_channels(recorded, data.meta), network, truck)
-            own = physics.of(vehicle, recorded.time[0] * 1e-6)
-            yield VehicleReplay(recorded, found, data.site, own, writer, lanes, temperature)
 
 
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:

@@ -14,13 +14,14 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.cycles import CYCLES, VDI_LEGS
-from fleetlog.physics.motion import Reconstruction
+from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.legs import Leg, SpeedProfile, free_flow, joined, legs, speed_limits
 from fleetlog.physics.power import Physics, battery_power, soc_change
 from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.simulate.record import rounded
 from fleetlog.simulate.state import creep_speed
+from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MAX_GAP
 from fleetlog.store.writer import DatasetWriter
 
@@ -51,10 +52,12 @@ class VehicleReplay:
     """One truck's recording, driven again."""
 
     def __init__(
-        self, recorded: Trajectory, found: Reconstruction, site: Site, physics: Physics,
-        writer: DatasetWriter, lanes: Floats, temperature: float = np.nan,
+        self, recorded: Trajectory, dataset: Dataset, truck: Truck, physics: Physics, writer: DatasetWriter,
+        lanes: Floats, temperature: float,
     ) -> None:  # fmt: skip
-        self.recorded, self.site, self.physics, self.writer = recorded, site, physics, writer
+        self.recorded, self.site, self.writer = recorded, dataset.site, writer
+        self.physics = physics.of(recorded.vehicle_id, recorded.time[0] * 1e-6)
+        found = reconstruct(measured_channels(recorded, dataset.meta), self.site.network, truck)
         self.temperature = temperature  # Where the log has none [degC]
         self.lanes = lanes  # (E,) metres that trucks keep to the left of the middle of their roads
         self.energy = found.rows(np.nan_to_num(found.motion.power) * found.motion.dt)

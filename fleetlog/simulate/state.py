@@ -56,7 +56,7 @@ class Roads(NamedTuple):
     stop: Floats
     capacity: Index
     swings: Mask  # (P,) whether a truck turns so far that it comes back beside the lane that it left
-    conflict_first: Ints
+    conflict_first: Ints  # (R + 1,) resource r excludes conflicts[conflict_first[r]:conflict_first[r + 1]]
     conflicts: Index
     door_lane: Index
     door_at: Floats

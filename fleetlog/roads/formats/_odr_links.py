@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats
 from fleetlog.roads.formats._documents import Element
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, End, LaneEnd, Road, contact
 from fleetlog.roads.formats.base import Tally, at, number
@@ -53,9 +52,11 @@ def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) ->
         elif pair[0] != pair[1]:
             said.add_edge(*pair)
     # a junction lists the links of the roads that it meets in their stead
-    unanswered = (b for a, b in said.edges if not said.has_edge(b, a))
-    one = sum(not _at_junction(roads[spot.road], spot) for spot in unanswered)
-    tally.note(one, "lane link", "given in one direction only, taken to hold in both")
+    unanswered = [b for a, b in said.edges if not said.has_edge(b, a)]
+    outer = [b for b in unanswered if b == _outer(roads[b.road], b.lane, b.end)]
+    met = (roads[b.road].links.get(b.end) for b in outer)
+    listed = sum(link is not None and link.kind == "junction" for link in met)
+    tally.note(len(unanswered) - listed, "lane link", "given in one direction only, taken to hold in both")
     tally.note(odd, "link", "left out, to roads or lanes that do not exist")
     touching: nx.Graph[Any] = said.to_undirected()
     # Sections too short to be edges are passed through.
@@ -65,12 +66,6 @@ def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) ->
             sides = (list(touching.adj.get(LaneEnd(road.id, k, lane, end), ())) for end in ENDS)
             touching.add_edges_from((a, b) for a, b in product(*sides) if a != b)
     return nx.relabel_nodes(touching, str)
-
-
-def _at_junction(road: Road, spot: LaneEnd) -> bool:
-    """Whether the road meets a junction at this end, which then lists the links in its stead."""
-    meets = spot.end in road.links and road.links[spot.end].kind == "junction"
-    return meets and spot == _outer(road, spot.lane, spot.end)
 
 
 def _outer(road: Road, lane: int, end: End) -> LaneEnd:
@@ -92,7 +87,7 @@ def _links_of(road: Road, roads: dict[str, Road]) -> Iterator[Pair]:
         if link.kind == "road" and other is None:
             yield None
         elif link.kind == "road" and other is not None:
-            there = link.contact or _nearest_end(other, _end_point(road, end))
+            there = link.contact or _nearest_end(other, road, end)
             for lane in road.sections[0 if end == "start" else -1].lanes.values():
                 yield from ((_outer(road, lane.id, end), _outer(other, i, there)) for i in lane.links[end])
 
@@ -113,14 +108,13 @@ def _links_in(junction: Element, roads: dict[str, Road], notes: list[str]) -> It
             lanes = [[int(number(e.get(k), "laneLink")) for k in ("from", "to")] for e in links]
         # By the links of the incoming road, by nearness where they do not decide.
         meets = [end for end, link in incoming.links.items() if link.kind == "junction" and link.id == name]
-        here = meets[0] if len(meets) == 1 else _nearest_end(incoming, _end_point(onward, there))
+        here = meets[0] if len(meets) == 1 else _nearest_end(incoming, onward, there)
         yield from ((_outer(incoming, a, here), _outer(onward, b, there)) for a, b in lanes)
 
 
-def _nearest_end(road: Road, spot: Floats) -> End:
-    start, end = (float(np.linalg.norm(_end_point(road, e) - spot)) for e in ENDS)
-    return "start" if start < end else "end"
-
-
-def _end_point(road: Road, end: End) -> Floats:
-    return road.plan.at(np.array([0.0 if end == "start" else road.length]))[:2, 0]
+def _nearest_end(road: Road, other: Road, there: End) -> End:
+    """The end of a road that is nearer to the end ``there`` of another."""
+    ends = ((other, there), (road, "start"), (road, "end"))
+    spots = (r.plan.at(np.array([0.0 if end == "start" else r.length]))[:2, 0] for r, end in ends)
+    spot, start, end = spots
+    return "start" if np.linalg.norm(start - spot) < np.linalg.norm(end - spot) else "end"

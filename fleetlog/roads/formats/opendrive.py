@@ -144,19 +144,15 @@ def _centre_line(road: Road, section: Section, lane: Lane) -> Floats:
         z = road.elevation.at(s) + t * np.sin(roll)
         return np.column_stack([x - flat * np.sin(heading), y + flat * np.cos(heading), z])
 
-    return at(sample(at, _stations(road, section, _inward(section, lane)), CHORD))
-
-
-def _stations(road: Road, section: Section, lanes: list[Lane]) -> Floats:
-    """s [m] of a section's ends, of every record that starts inside it, and at most 25 m apart."""
+    # Stations at the ends of the section, at every record that starts inside it, and at most 25 m apart.
     cubics = [road.elevation, road.superelevation, road.offset]
-    cubics += [table for lane in lanes for table in (lane.widths, lane.borders)]
+    cubics += [table for inward in _inward(section, lane) for table in (inward.widths, inward.borders)]
     marks = np.concatenate([road.plan.starts, *(table.starts for table in cubics)])
     inner = marks[(marks > section.start + 1e-6) & (marks < section.end - 1e-6)]
     pieces = max(1, math.ceil((section.end - section.start) / 25.0))
     s = np.unique([*inner, *np.linspace(section.start, section.end, 1 + pieces)])
     # the last one is the end of the section, and stays
-    return np.asarray(s[np.append(np.diff(s[:-1], prepend=-np.inf) > 1e-6, True)])
+    return at(sample(at, s[np.append(np.diff(s[:-1], prepend=-np.inf) > 1e-6, True)], CHORD))
 
 
 def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats, Floats]:
