@@ -3,7 +3,7 @@
 Beside it how often which road was driven, by whom, on which days, how fast: its evidence."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import compress, pairwise
 
@@ -65,7 +65,7 @@ def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evi
         np.add.at(found.speeds, (m.edge[use], step), 1)
         found.rows += len(m)
         found.matched += int((m.edge >= 0).sum())
-        for visits in (chain for run in _runs(m, network.length) for chain in _visits(run, m, t, router)):
+        for visits in _visits(m, t, router):
             found.turns.update(pairwise(edge for edge, *_ in visits))
             for edge, begin, end, row in visits:
                 found.metres[edge] += max(end - begin, 0.0)
@@ -75,27 +75,27 @@ def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evi
     return found
 
 
-def _runs(m: Match, length: Floats) -> Iterator[list[int]]:
-    """First rows of the visits of every unbroken run of rows on the roads, and the row after the last."""
+def _visits(m: Match, t: Trajectory, router: Router) -> list[list[Visit]]:
+    """The visits of every unbroken run of rows on the roads, parted where a way is not known. Edges driven
+    between two rows are visits too."""
+    x, y, length, out = t.floats("x"), t.floats("y"), router.network.length.tolist(), list[list[Visit]]()
     on = np.flatnonzero(m.edge >= 0)
-    fresh = np.append(True, (np.diff(on) > 1) | (m.restart[on[1:]] > 0))
+    fresh = np.append(True, (np.diff(on) > 1) | (m.restart[on[1:]] > 0))[: len(on)]
     change = fresh.copy()
     change[1:] |= m.edge[on[1:]] != m.edge[on[:-1]]
     # a ring of one edge, driven once more
-    change[1:] |= np.diff(m.offset[on]) < -0.5 * length[m.edge[on[1:]]]
-    for run in np.split(np.arange(len(on)), np.flatnonzero(fresh)[1:]) if len(on) else ():
-        yield [*on[run[change[run]]].tolist(), int(on[run[-1]]) + 1]
-
-
-def _visits(bounds: list[int], m: Match, t: Trajectory, router: Router) -> list[list[Visit]]:
-    """The visits of a run, parted where a way is not known. Edges driven between two rows are visits too."""
-    x, y = t.floats("x"), t.floats("y")
-    length, begin = router.network.length.tolist(), float(m.offset[bounds[0]])
-    out: list[list[Visit]] = [[]]
-    for row, after in pairwise(bounds[:-1]):
-        edge, end = int(m.edge[row]), float(m.offset[after - 1])
+    change[1:] |= np.diff(m.offset[on]) < -0.5 * router.network.length[m.edge[on[1:]]]
+    for k, until in pairwise([*np.flatnonzero(change).tolist(), len(on)]):
+        row, edge, end = int(on[k]), int(m.edge[on[k]]), float(m.offset[on[until - 1]])
+        if fresh[k]:
+            out.append([])
+            begin = float(m.offset[row])
+        if until == len(on) or fresh[until]:
+            out[-1].append((edge, begin, end, row))
+            continue
+        last, after = on[until - 1 : until + 1]
         ahead, onward = int(m.edge[after]), float(m.offset[after])
-        straight = float(np.hypot(x[after] - x[after - 1], y[after] - y[after - 1]))
+        straight = float(np.hypot(x[after] - x[last], y[after] - y[last]))
         if ahead == router.network.reverse[edge]:
             turned = max(end, length[edge] - onward)
             out[-1].append((edge, begin, turned, row))
@@ -107,8 +107,6 @@ def _visits(bounds: list[int], m: Match, t: Trajectory, router: Router) -> list[
         else:
             out[-1] += [(edge, begin, length[edge], row), *((e, 0.0, length[e], row) for e in way)]
             begin = 0.0
-    row, after = bounds[-2:]
-    out[-1].append((int(m.edge[row]), begin, float(m.offset[after - 1]), row))
     return out
 
 

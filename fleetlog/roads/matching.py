@@ -21,9 +21,8 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads import grouping
 from fleetlog.roads.candidates import Prepared, prepare
 from fleetlog.roads.kernels.decoding import decode, emission
-from fleetlog.roads.kernels.placing import place_points
 from fleetlog.roads.kernels.records import Candidates, Choice, Groups, Routes, Rows, Track
-from fleetlog.roads.kernels.routes import build_routes, route_posterior
+from fleetlog.roads.kernels.routes import build_routes, place_points, route_posterior
 
 REASONS: tuple[str, ...] = (
     "", "no road within reach", "no connected path", "against a one-way road", "standing off the road",
@@ -31,7 +30,7 @@ REASONS: tuple[str, ...] = (
 )  # fmt: skip
 """Why a row has no edge (``Match.reason``), and why a chain starts anew (``Match.restart``)."""
 NO_ROAD, NO_PATH, ONE_WAY, STANDING, NO_POSITION, GAP, OUT_OF_LINE = range(1, 8)
-
+SAMPLE_GROUPS = 2000  # groups from which parameters are estimated, in up to eight runs spread over the track
 CHANCE_PERSISTENCE = 0.12  # that independent noise shows too, as the match bends towards it
 LEAST_WEIGHT = 0.35  # of a group's evidence, however persistent the errors: at a junction it is new
 
@@ -91,9 +90,6 @@ def estimate_parameters(trajectory: Trajectory, network: Network) -> MatchParame
     track, _, _ = grouping.track_of(trajectory)
     wanted = MatchParameters()
     return _estimated(track, prepare(network), wanted) if len(track.t) else wanted
-
-
-SAMPLE_GROUPS = 2000  # groups from which parameters are estimated, in up to eight runs spread over the track
 
 
 def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> MatchParameters:

@@ -25,6 +25,7 @@ OVER = 1.0 + 1e-9  # chances that are nearer to each other are equal
 Step = tuple[float, float, float, float, float]
 """Distance travelled, its spread, how far a way is tried [m]; chances of entering an edge and of turning."""
 FAR = 16.0 * float(np.exp(-4.0))
+BLOCK, AHEAD = 1000, 60  # groups that are decided together, and how far beyond them the model looks
 
 
 @fast_outer
@@ -105,9 +106,6 @@ def _links(x: Model, step: Step, c: int, b: int, slot: Wide, row: Floats) -> Non
 def reach_of(moved: float, beta: float) -> Any:
     """How long a way is tried for a step of travelled distance ``moved`` [m]."""
     return moved + max(JUMP * math.sqrt(beta * beta + 0.01 * moved * moved), SLACK)
-
-
-BLOCK, AHEAD = 1000, 60  # groups that are decided together, and how far beyond them the model looks
 
 
 @fast_outer
