@@ -96,15 +96,14 @@ class Meter:
         return {"battery_power": power, **self._state(power, which, physics.at(step0 * self.dt).actual_truck)}
 
     def _charge_power(self, bay: Index, which: slice) -> Floats:
-        truck = self.physics[self.of[which.start]].truck
-        rate = self.charger[bay]
-        rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * truck.battery.capacity_wh)
+        rate, battery = self.charger[bay], self.physics[self.of[which.start]].truck.battery
+        rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * battery.capacity_wh)
         taper = 1.0 - 0.9 * np.clip((self.soc[which] - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
         return np.asarray(rate * taper)
 
     def _state(self, power: Floats, which: slice, truck: Truck) -> Columns:
         """The charge at the start of each step; by a battery's chemistry also voltage [V] and current [A]."""
-        charge, dt = self.soc[which], np.full(power.shape[1], self.dt)
+        charge = self.soc[which]
         if self.battery is None:
             soc = np.zeros((len(power), power.shape[1] + 1))
             np.cumsum(cell_power(power, truck), axis=1, out=soc[:, 1:])
@@ -113,7 +112,7 @@ class Meter:
             np.clip(soc, 0.0, 1.0, out=soc)
             charge[:] = soc[:, -1]
             return {"soc": np.ascontiguousarray(soc[:, :-1])}
-        soc, volts, amps = np.empty((3, *power.shape))
+        (soc, volts, amps), dt = np.empty((3, *power.shape)), np.full(power.shape[1], self.dt)
         for v in range(len(power)):
             d = discharge(power[v], dt, self.battery, float(charge[v]), self.temperature)
             soc[v, 0], soc[v, 1:] = charge[v], d.soc[:-1]

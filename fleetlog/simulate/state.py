@@ -29,7 +29,6 @@ PACES = ("speed_factor", "max_acceleration", "max_deceleration", "max_lateral_ac
 DRIVER = dict.fromkeys(PACES, 1.0)
 """What a driver asks of a truck; power follows from the motion, whoever drives."""
 
-
 _Modes = namedtuple("_Modes", "PARKED HANDLING WANTS_OUT LEAVING DRIVING AT_BAY ENTERING CHARGING EMPTY")
 Mode = _Modes(*range(9))
 """What a truck does: it stands in a bay, works there, waits to leave it, backs out, drives, waits on the road
