@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 from fleetlog.core.arrays import Floats, Indices, Mask
 from fleetlog.core.network import reduced
 from fleetlog.learn.cells import Driven
-from fleetlog.learn.lines import Chain, way
-from fleetlog.learn.shape import ends
+from fleetlog.learn.lines import Chain, ends, way
 
 STEP = 1.0  # distance of the stations of a centre line [m]
 SMOOTH = 2.0  # standard deviation of the smoothing along a line [m]
@@ -22,6 +21,7 @@ PULL = 0.3  # weight of where a junction was against a line through it: roads th
 FINE = 0.1  # vertices that are not needed to stay within this of a line are left out [m]
 FARTHEST_END = 6.0  # a dead end is carried on by this at most [m]
 FARTHEST = 2.5  # a junction moves no farther than this [m]
+SELDOM = 0.06  # a direction with a smaller share of the other one's passes is not one in which trucks drive
 
 
 @dataclass(frozen=True)
@@ -99,13 +99,14 @@ def _owners(
     return tangent, use, station[near[use]], (sign[near[use]] < 0.0).astype(np.intp)
 
 
-def passes(chains: list[Chain], cells: Driven, reach: float) -> Floats:
-    """(n, 2) how often each metre of a chain was driven forth and back, manoeuvres aside."""
+def ways_driven(chains: list[Chain], cells: Driven, reach: float) -> Mask:
+    """(n, 2) whether trucks drive each chain forth and back, by the passes over it, manoeuvres aside."""
     chains = [_resampled(c) for c in chains]
     _, use, at, back = _owners(chains, np.ones((len(chains), 2), bool), cells, reach)
     owner = np.repeat(np.arange(len(chains)), [len(c.points) for c in chains])[at]
     metres = np.bincount(2 * owner + back, cells.weight[use], 2 * len(chains)).reshape(-1, 2)
-    return np.asarray(metres / np.array([max(c.length, STEP) for c in chains])[:, None])
+    passes = metres / np.array([max(c.length, STEP) for c in chains])[:, None]
+    return np.asarray(passes > SELDOM * passes[:, ::-1])
 
 
 def _fitted(chains: list[Chain], driven: Mask, cells: Driven, reach: float) -> list[Fit]:
@@ -158,11 +159,17 @@ def _middle(mean: Floats, seen: Mask) -> Floats:
 
 def _meeting(fits: list[Fit]) -> list[Fit]:
     """Every junction where the roads point to, and the roads straight into it; two that meet just go on."""
-    points = [f.chain.points for f in fits]
     at = ends([f.chain for f in fits]).items()
-    where = {n: _node([points[k][:: 1 if begins else -1] for k, begins in arms]) for n, arms in at}
-    onward = {n for n, arms in at if len(arms) == 2}
-    return [replace(f, chain=_tied(f.chain, where, onward)) for f in fits]
+    where = {n: _node([fits[k].chain.points[:: 1 if begins else -1] for k, begins in arms]) for n, arms in at}
+    onward, out = {n for n, arms in at if len(arms) == 2}, []
+    for f in fits:
+        # What lies within a junction's reach gives way to a straight line.
+        c, s = f.chain, way(f.chain.points)
+        first, last = (0.0 if n in onward else min(CLEAR, 0.3 * s[-1]) for n in (c.start, c.end))
+        inner = c.points[(s > first) & (s < s[-1] - last)]
+        points = np.vstack([where[c.start], inner, where[c.end]])
+        out.append(replace(f, chain=replace(c, points=points)))
+    return out
 
 
 def _node(arms: list[Floats]) -> Floats:
@@ -187,12 +194,3 @@ def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
     middle = piece.mean(axis=0)
     _, _, axes = np.linalg.svd(piece - middle)
     return middle, axes[0]
-
-
-def _tied(c: Chain, where: dict[int, Floats], onward: set[int]) -> Chain:
-    """The chain from node to node: what lies within a junction's reach gives way to a straight line."""
-    s = way(c.points)
-    clear = min(CLEAR, 0.3 * s[-1])
-    first, last = (0.0 if n in onward else clear for n in (c.start, c.end))
-    inner = c.points[(s > first) & (s < s[-1] - last)]
-    return replace(c, points=np.vstack([where[c.start], inner, where[c.end]]))

@@ -3,7 +3,7 @@
 Beside it how often which road was driven, by whom, on which days, how fast: its evidence."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import compress, pairwise
 
@@ -16,9 +16,8 @@ from fleetlog.core.network import Edge, Network, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import Driven, gathered
-from fleetlog.learn.lines import Chain, centre_lines, chains
-from fleetlog.learn.refine import CLEAR, Fit, passes, refined
-from fleetlog.learn.shape import apart, contracted, ends, joined, pieces, split, tidied
+from fleetlog.learn.lines import Chain, apart, centre_lines, contracted, ends, joined, pieces, split, tidied
+from fleetlog.learn.refine import CLEAR, SELDOM, Fit, refined, ways_driven
 from fleetlog.roads.matching import Match, match
 from fleetlog.roads.routing import Router
 
@@ -32,7 +31,6 @@ REACH = 2.5  # traces farther than this from a road are another road's [m]
 PIECE = 8.0  # length of the pieces of road that were driven or not [m]
 BRIEF = 10.0  # a link shorter than this [m] is a manoeuvre ...
 RARE = 0.1  # ... with a smaller share than this of the passes of the roads at its ends
-SELDOM = 0.06  # a direction with a smaller share of the other one's passes is not one in which trucks drive
 Visit = tuple[int, float, float, int]  # An edge, from and to [m] on it, and the first row
 Reread = Callable[[], Iterable[Trajectory]]
 
@@ -67,7 +65,7 @@ def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evi
         np.add.at(found.speeds, (m.edge[use], step), 1)
         found.rows += len(m)
         found.matched += int((m.edge >= 0).sum())
-        for visits in (chain for run in _runs(m, network.length) for chain in _visits(run, m, t, router)):
+        for visits in _visits(m, t, router):
             found.turns.update(pairwise(edge for edge, *_ in visits))
             for edge, begin, end, row in visits:
                 found.metres[edge] += max(end - begin, 0.0)
@@ -77,27 +75,27 @@ def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evi
     return found
 
 
-def _runs(m: Match, length: Floats) -> Iterator[list[int]]:
-    """First rows of the visits of every unbroken run of rows on the roads, and the row after the last."""
+def _visits(m: Match, t: Trajectory, router: Router) -> list[list[Visit]]:
+    """The visits of every unbroken run of rows on the roads, parted where a way is not known. Edges driven
+    between two rows are visits too."""
+    x, y, length, out = t.floats("x"), t.floats("y"), router.network.length.tolist(), list[list[Visit]]()
     on = np.flatnonzero(m.edge >= 0)
-    fresh = np.append(True, (np.diff(on) > 1) | (m.restart[on[1:]] > 0))
+    fresh = np.append(True, (np.diff(on) > 1) | (m.restart[on[1:]] > 0))[: len(on)]
     change = fresh.copy()
     change[1:] |= m.edge[on[1:]] != m.edge[on[:-1]]
     # a ring of one edge, driven once more
-    change[1:] |= np.diff(m.offset[on]) < -0.5 * length[m.edge[on[1:]]]
-    for run in np.split(np.arange(len(on)), np.flatnonzero(fresh)[1:]) if len(on) else ():
-        yield [*on[run[change[run]]].tolist(), int(on[run[-1]]) + 1]
-
-
-def _visits(bounds: list[int], m: Match, t: Trajectory, router: Router) -> list[list[Visit]]:
-    """The visits of a run, parted where a way is not known. Edges driven between two rows are visits too."""
-    x, y = t.floats("x"), t.floats("y")
-    length, begin = router.network.length.tolist(), float(m.offset[bounds[0]])
-    out: list[list[Visit]] = [[]]
-    for row, after in pairwise(bounds[:-1]):
-        edge, end = int(m.edge[row]), float(m.offset[after - 1])
+    change[1:] |= np.diff(m.offset[on]) < -0.5 * router.network.length[m.edge[on[1:]]]
+    for k, until in pairwise([*np.flatnonzero(change).tolist(), len(on)]):
+        row, edge, end = int(on[k]), int(m.edge[on[k]]), float(m.offset[on[until - 1]])
+        if fresh[k]:
+            out.append([])
+            begin = float(m.offset[row])
+        if until == len(on) or fresh[until]:
+            out[-1].append((edge, begin, end, row))
+            continue
+        last, after = on[until - 1 : until + 1]
         ahead, onward = int(m.edge[after]), float(m.offset[after])
-        straight = float(np.hypot(x[after] - x[after - 1], y[after] - y[after - 1]))
+        straight = float(np.hypot(x[after] - x[last], y[after] - y[last]))
         if ahead == router.network.reverse[edge]:
             turned = max(end, length[edge] - onward)
             out[-1].append((edge, begin, turned, row))
@@ -109,8 +107,6 @@ def _visits(bounds: list[int], m: Match, t: Trajectory, router: Router) -> list[
         else:
             out[-1] += [(edge, begin, length[edge], row), *((e, 0.0, length[e], row) for e in way)]
             begin = 0.0
-    row, after = bounds[-2:]
-    out[-1].append((int(m.edge[row]), begin, float(m.offset[after - 1]), row))
     return out
 
 
@@ -145,7 +141,7 @@ class Roads:
 def learn_roads(cells: Driven, noise: float, reread: Reread, settings: Settings) -> Roads:
     """The roads under what was driven, its positions with ``noise`` [m]; ``reread`` gives tracks anew."""
     lines = centre_lines(gathered(cells, noise, settings.lane), TUBE, LEAST)
-    graph = tidied(chains(lines), settings.spur, lines.side * 3.0)
+    graph = tidied(lines.chains(), settings.spur, lines.side * 3.0)
     graph = _driven_only(graph, reread, settings)
     graph = _driven_only(tidied(graph, settings.spur, settings.lane), reread, settings)
     while (met := _met(graph, cells, settings.lane)) is not None:
@@ -159,9 +155,8 @@ def learn_roads(cells: Driven, noise: float, reread: Reread, settings: Settings)
 def _driven_only(graph: list[Chain], reread: Reread, settings: Settings) -> list[Chain]:
     """The parts of the chains that were driven, meeting where trucks turned from one into the other."""
     if not graph:
-        raise DataError(
-            "the dataset shows no road: no line was driven", do="record longer or lower --min-passes"
-        )
+        do = "record longer or lower --min-passes"
+        raise DataError("the dataset shows no road: no line was driven", do=do)
     graph = pieces(graph, PIECE)
     found = gather_evidence(build_network(two_way_edges(graph)), reread())
     total = found.passes.reshape(-1, 2).sum(axis=1)
@@ -188,12 +183,6 @@ def two_way_edges(graph: list[Chain]) -> list[Edge]:
     return edges
 
 
-def _senses(graph: list[Chain], cells: Driven) -> Mask:
-    """(n, 2) whether each chain is driven forth and back, by what lies on it."""
-    driven = passes(graph, cells, REACH)
-    return np.asarray(driven > SELDOM * driven[:, ::-1])
-
-
 def _fitted(graph: list[Chain], senses: Mask, cells: Driven) -> list[Fit]:
     """The chains that are driven, on their traces."""
     if not len(some := np.flatnonzero(senses.any(axis=1))):
@@ -205,7 +194,7 @@ def _met(graph: list[Chain], cells: Driven, lane: float) -> list[Chain] | None:
     """The graph without links that are shorter than what trucks cover across them: these have no line that
     traces could show, and are the inside of one junction. Directions farther apart than ``lane`` [m] are two
     roads, which a link confuses: of it only what lies clear of its ends counts. None without such links."""
-    fits = _fitted(graph, senses := _senses(graph, cells), cells)
+    fits = _fitted(graph, senses := ways_driven(graph, cells, REACH), cells)
     told = list(zip(fits, senses[senses.any(axis=1)], strict=True))
     confused = np.array([s.all() and np.ptp(f.left) > lane for f, s in told])
     met = contracted([f.chain for f in fits], [f.covered(s) for f, s in told] + 2.0 * CLEAR * confused)
@@ -228,7 +217,7 @@ def _returning(roads: Roads) -> list[Chain] | None:
 def _final(graph: list[Chain], cells: Driven, reread: Reread) -> Roads:
     """The graph on its traces, every road in the directions in which it is driven: what lies on it may be
     scatter of the lane beside, so they are asked of the trips too."""
-    senses, used = _senses(graph, cells), np.zeros(1, bool)
+    senses, used = ways_driven(graph, cells, REACH), np.zeros(1, bool)
     while not used.all():
         fits = _fitted(graph, senses, cells)
         edges, kept = two_way_edges([f.chain for f in fits]), np.flatnonzero(senses[senses.any(axis=1)])

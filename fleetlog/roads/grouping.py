@@ -114,7 +114,6 @@ def direction_of(groups: Groups, sigma: float) -> tuple[Floats, Floats]:
 def group_track(track: Track, noise: float, sigma: float) -> Groups:
     """Groups of a track: standstills that speed or positions show, and steps of motion between."""
     span = group_span(track, noise)
-    travelled = _travelled(track)
     first, still = np.empty(len(track.t) + 1, np.int64), np.zeros(len(track.t), np.bool_)
     count = group_points(track.t, track.speed, track.chain, span - 1e-6, STANDING_SPEED, first, still)
     if not np.isfinite(track.speed).any():
@@ -126,7 +125,7 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     t, x, y = (_mean(v, first) for v in (track.t, track.x, track.y))
     chord = np.hypot(np.diff(x), np.diff(y))
     blur = 2.0 * noise**2 / np.maximum(np.minimum(np.diff(first)[1:], np.diff(first)[:-1]), 1)
-    steps = np.diff(_mean(travelled, first)) if len(travelled) else np.full(len(chord), np.nan)
+    steps = np.diff(_mean(_travelled(track), first))
     moved = np.where(np.isfinite(steps), steps, np.sqrt(np.maximum(chord**2 - blur, 0.0)))
     # a heading may point against the motion, so only its axis counts
     axis = _axis(track.heading, first)
@@ -149,10 +148,9 @@ def _axis(heading: Floats, first: Ints) -> Floats:
 
 
 def _travelled(track: Track) -> Floats:
-    """(N,) distance from the log's speed, trapezoids [m]; none where more than a tenth of them is missing."""
-    known = np.isfinite(track.speed)
-    if known.mean() < 0.9:
-        return np.empty(0)
+    """(N,) distance from the log's speed, trapezoids [m]; NaN where more than a tenth of them is missing."""
+    if (known := np.isfinite(track.speed)).mean() < 0.9:
+        return np.full(len(track.t), np.nan)
     v = np.interp(track.t, track.t[known], track.speed[known])
     return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.t))])
 

@@ -22,6 +22,8 @@ from fleetlog.store.documents import digest as sha256
 HEAD = 4096  # bytes that a format is recognised by
 MOST_EDGES, LONGEST = 2_000_000, 200_000.0  # a site has no more edges, and none that is longer [m]
 OFF_ROADS = 10.0  # a place farther than this [m] from every road gets a warning
+SAME = 0.01  # local metres of a map stay untouched where its frame reproduces them within this [m]
+FAR = 50_000.0  # roads farther than this [m] from the frame's origin are in another frame than the site says
 metres = schema.real(-schema.FARTHEST, schema.FARTHEST)
 
 
@@ -196,10 +198,6 @@ def _frame(data: dict[str, Any], where: Path) -> Frame | None:
         raise SiteError("the origin lies outside the reference system", where=where, place="frame",
                         do="correct easting and northing")  # fmt: skip
     return replace(found, **{k: values[k] for k in AXES if k in values})
-
-
-SAME = 0.01  # local metres of a map stay untouched where its frame reproduces them within this [m]
-FAR = 50_000.0  # roads farther than this [m] from the frame's origin are in another frame than the site says
 
 
 def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[RoadMap, Frame | None, list[str]]:

@@ -15,15 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Floats, Index, Mask
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads import grouping
 from fleetlog.roads.candidates import Prepared, prepare
-from fleetlog.roads.kernels.decoding import decode, emission, model_of, scratch
-from fleetlog.roads.kernels.placing import place_points
-from fleetlog.roads.kernels.records import Candidates, Choice, Groups, Placed, Routes, Rows, Track
-from fleetlog.roads.kernels.routes import build_routes, route_posterior
+from fleetlog.roads.kernels.decoding import decode, emission
+from fleetlog.roads.kernels.records import Candidates, Choice, Groups, Routes, Rows, Track
+from fleetlog.roads.kernels.routes import build_routes, place_points, route_posterior
 
 REASONS: tuple[str, ...] = (
     "", "no road within reach", "no connected path", "against a one-way road", "standing off the road",
@@ -31,7 +30,7 @@ REASONS: tuple[str, ...] = (
 )  # fmt: skip
 """Why a row has no edge (``Match.reason``), and why a chain starts anew (``Match.restart``)."""
 NO_ROAD, NO_PATH, ONE_WAY, STANDING, NO_POSITION, GAP, OUT_OF_LINE = range(1, 8)
-
+SAMPLE_GROUPS = 2000  # groups from which parameters are estimated, in up to eight runs spread over the track
 CHANCE_PERSISTENCE = 0.12  # that independent noise shows too, as the match bends towards it
 LEAST_WEIGHT = 0.35  # of a group's evidence, however persistent the errors: at a junction it is new
 
@@ -79,7 +78,9 @@ def match(trajectory: Trajectory, network: Network, parameters: MatchParameters 
     used = _estimated(track, prepared, wanted)
     track = grouping.with_gap(track, used.gap)
     groups = grouping.group_track(track, used.noise, used.sigma)
-    found = _spread(_match_groups(track, groups, prepared, used), rows, len(trajectory))
+    found, known = _nothing(len(trajectory), used), _match_groups(track, groups, prepared, used)
+    for name in ("edge", "offset", "lateral", "confidence", "reason", "restart", "standing"):
+        getattr(found, name)[rows] = getattr(known, name)
     found.reason[outliers] = OUT_OF_LINE
     return found
 
@@ -89,9 +90,6 @@ def estimate_parameters(trajectory: Trajectory, network: Network) -> MatchParame
     track, _, _ = grouping.track_of(trajectory)
     wanted = MatchParameters()
     return _estimated(track, prepare(network), wanted) if len(track.t) else wanted
-
-
-SAMPLE_GROUPS = 2000  # groups from which parameters are estimated, in up to eight runs spread over the track
 
 
 def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> MatchParameters:
@@ -160,12 +158,9 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Can
     off = float(np.exp(4.5 - 3.0 * max(5.0, min(p.reach, 4.0) / spread)))
     ahead = grouping.direction_of(groups, p.sigma)
     emission(near, *ahead, groups.axis, roads.reverse, spread, weight, off, own)
-    back, count = 3.0 * p.sigma + 0.3, len(groups.t)
-    choice = Choice(np.full(count, -1), np.empty(len(own)), np.zeros(count, np.bool_))
+    back = 3.0 * p.sigma + 0.3
     prepared.reach(near, groups, p.beta)
-    model = model_of(roads, prepared.store, near, own, groups, p.beta, back, p.turn)
-    decode(model, groups.chain, choice, scratch(near, len(roads.length)))
-    return near, choice, back
+    return near, decode(roads, prepared.store, near, own, groups, p.beta, back, p.turn), back
 
 
 def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> Match:
@@ -177,7 +172,7 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
     found.standing[:] = np.repeat(groups.still, size)
     rows = _rows(track, groups, routes, found.standing, route_posterior(choice, near, routes), p)
     begins, ends = groups.first[routes.spans[0]], groups.first[routes.spans[1] + 1]
-    placed = Placed(found.edge, found.offset, found.lateral, found.confidence)
+    placed = found.edge, found.offset, found.lateral, found.confidence
     place_points(rows, begins, ends, routes, prepared.lines, p.acceleration, lasting, placed)
     found.reason[:] = np.repeat(_reasons(groups, near, choice, prepared, p), size)
     found.restart[begins] = NO_PATH
@@ -226,11 +221,3 @@ def _nothing(n: int, parameters: MatchParameters) -> Match:
     nan, none = np.full(n, np.nan), np.zeros(n, np.uint8)
     edge, reason = np.full(n, -1, np.int32), np.full(n, NO_POSITION, np.uint8)
     return Match(edge, nan, nan.copy(), np.ones(n), reason, none, np.zeros(n, bool), parameters)
-
-
-def _spread(found: Match, rows: Ints, n: int) -> Match:
-    """The match of the rows with a position as one of all ``n`` rows."""
-    out = _nothing(n, found.parameters)
-    for name in ("edge", "offset", "lateral", "confidence", "reason", "restart", "standing"):
-        getattr(out, name)[rows] = getattr(found, name)
-    return out

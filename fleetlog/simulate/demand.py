@@ -219,11 +219,11 @@ class Itineraries:
 def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[tuple[Truck, ...], list[str]]:
     """The truck as each vehicle of a recording was driven; and what the recording does not tell."""
     track = build_track(dataset.site.roads(), truck, dataset.site.traffic)
-    found = []
-    for vehicle in dataset.vehicles:
-        rows = measured_channels(dataset.read(vehicle), dataset.meta)
-        one = reconstruct(rows, dataset.site.network, truck).motion if len(rows) > 1 else None
-        found.append(truck if one is None else driven(one, dataset.site, truck, track))
+    found = [truck] * len(dataset.vehicles)
+    for k, vehicle in enumerate(dataset.vehicles):
+        if len(rows := measured_channels(dataset.read(vehicle), dataset.meta)) > 1:
+            motion = reconstruct(rows, dataset.site.network, truck).motion
+            found[k] = driven(motion, dataset.site, truck, track)
     late = delays(dataset, truck.chassis.length)
     every = np.concatenate(late)
     for k, mine in enumerate(late if len(every) >= FEW else ()):

@@ -207,8 +207,8 @@ class Dispatcher(Occupancy):
         if has_time and self.soc[v] < self.policy.chance and self._wants_charge(v):
             return
         stays = self.demand.endless or self.kind[self.home[v]] == "park" or now - self.jobs[v].since <= ASIDE
-        if not stays and (spare := self._spare_bay(v, only_park=True)) is not None:
-            self._go(v, spare, "park")
+        if not stays:
+            self._make_room(v, only_park=True)
 
     # -- choosing a task
 

@@ -137,8 +137,20 @@ class Run:
                 self.batch(step0)
                 progress("simulating", (step0 + self.steps) / self.total)
             self.recorder.flush()
-        summary = self._summary()
-        self.events.close(self.total * self.settings.step)
+        d, total, notes = self.dispatcher, self.total, list(self.world.notes)
+        dropped = d.book.numbers("dropped")
+        d.count.tasks_given, d.count.tasks_done = len(dropped), int((dropped >= 0.0).sum())
+        d.count.tasks_later = len(d.pending)
+        if not (d.kind == "charge").any():
+            notes.append("the site has no charger: nobody charges")
+        rows = total // self.recorder.every * len(self.names)
+        summary = Summary(
+            len(self.names), total * self.settings.step, rows, total * len(self.names), d.count,
+            float(self.fleet.moved.sum()), self.meter.used, self.meter.charged + d.swapped_wh,
+            self.meter.soc.tolist(), self.soc_lowest, self.soc_sum / total, self.tally.limits(self.waiting),
+            d.watch.longest, notes,
+        )  # fmt: skip
+        self.events.close(total * self.settings.step)
         return summary
 
     def batch(self, step0: int) -> None:
@@ -170,18 +182,3 @@ class Run:
             f.mode[v] = Mode.EMPTY
             f.asks[f.asks == v] = -1
             self.dispatcher.count.empty.append(self.names[v])
-
-    def _summary(self) -> Summary:
-        d, total, notes = self.dispatcher, self.total, list(self.world.notes)
-        dropped = d.book.numbers("dropped")
-        d.count.tasks_given, d.count.tasks_done = len(dropped), int((dropped >= 0.0).sum())
-        d.count.tasks_later = len(d.pending)
-        if not (d.kind == "charge").any():
-            notes.append("the site has no charger: nobody charges")
-        rows = total // self.recorder.every * len(self.names)
-        return Summary(
-            len(self.names), total * self.settings.step, rows, total * len(self.names), d.count,
-            float(self.fleet.moved.sum()), self.meter.used, self.meter.charged + d.swapped_wh,
-            self.meter.soc.tolist(), self.soc_lowest, self.soc_sum / total, self.tally.limits(self.waiting),
-            d.watch.longest, notes,
-        )  # fmt: skip

@@ -83,14 +83,6 @@ def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> Ints:
     return np.column_stack([key // size, key % size])
 
 
-def conflict_lists(pairs: Ints, count: int) -> tuple[Ints, Index]:
-    """Symmetric CSR of (N, 2) pairs, each once."""
-    a, b = pairs.T
-    key = np.unique(np.append(a * count + b, b * count + a))
-    first = np.searchsorted(key, np.arange(count + 1, dtype=np.int64) * count)
-    return first.astype(np.int64), (key % count).astype(np.int32)
-
-
 def lanes_at(track: Track, count: int) -> Ints:
     """(4, count) lanes of resources, -1: none; the one that a resource lies at the end of, the one that it
     lies at the start of, and those that it joins."""

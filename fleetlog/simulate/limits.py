@@ -101,7 +101,7 @@ class Tally:
         stands = np.flatnonzero(drives & (f.v < STANDS))
         # Who waits for room on a lane waits for the junction at its end.
         full = f.why[stands] == 2
-        ahead = [d.watch.next_lane(v) for v in stands[full].tolist()]
+        ahead = [f.route[v, d.watch.end(v)] for v in stands[full].tolist()]
         np.add.at(self.before, self.lane[[*f.piece[stands[~full]].tolist(), *ahead]], 1.0)
 
     def limits(self, traffic: float) -> Limits:

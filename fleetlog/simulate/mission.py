@@ -1,7 +1,7 @@
 """The same mission as a recording, as the model drives it: each truck by itself, so that what differs is the
 physics and not the traffic, or in one another's way."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,8 +11,7 @@ from fleetlog.core.arrays import Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
-from fleetlog.physics.motion import measured_channels, reconstruct
-from fleetlog.physics.motion.legs import Leg, SpeedProfile
+from fleetlog.physics.motion.legs import SpeedProfile
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.junctions import half_box
 from fleetlog.simulate.places import joined
@@ -52,10 +51,16 @@ def replay(
     shifted to the simulated arrival; where a trip takes longer than it took, the next one sets off later.
     ``together`` the trucks keep to their lanes and wait for one another.  ``temperature`` of the air [degC]
     holds where the recording has none."""
-    replays = _replays(dataset, truck, writer, physics or Physics(truck), together, temperature)
-    lost, past = None, None
+    network, physics, lost, past = dataset.site.network, physics or Physics(truck), None, None
+    lanes = np.zeros(1 if network is None else len(network))
+    if together and network is not None:
+        lanes = lane_shift(network, truck, dataset.site.traffic)
+    recorded = (t for vehicle in dataset.vehicles if len(t := dataset.read(vehicle)) > 1)
+    replays: Iterable[VehicleReplay] = (
+        VehicleReplay(t, dataset, truck, physics, writer, lanes, temperature) for t in recorded
+    )
     if together:
-        replays = iter(found := list(replays))
+        replays = found = list(replays)
         lost, past = meet_again(found, truck)
     total, rows, trips, own = np.zeros(6), 0, 0, 0
     for i, one in enumerate(replays):
@@ -71,33 +76,20 @@ def replay(
     return MissionSummary(len(dataset.vehicles), trips, rows, distance, duration, energy, own, lost, past)
 
 
-def _replays(
-    data: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics, together: bool, temperature: float
-) -> Iterator[VehicleReplay]:
-    network = data.site.network
-    lanes = np.zeros(1 if network is None else len(network))
-    if together and network is not None:
-        lanes = lane_shift(network, truck, data.site.traffic)
-    for vehicle in data.vehicles:
-        if len(recorded := data.read(vehicle)) > 1:
-            found = reconstruct(measured_channels(recorded, data.meta), network, truck)
-            own = physics.of(vehicle, recorded.time[0] * 1e-6)
-            yield VehicleReplay(recorded, found, data.site, own, writer, lanes, temperature)
-
-
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
     """Let trucks wait for one another: the share of travel time that they lose; how many were let past."""
-    if not (trips := [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]):
+    every = ((u, trip, trip.leg) for u, r in enumerate(replays) for trip in r.trips)
+    if not (driven := [(u, trip, leg) for u, trip, leg in every if leg is not None]):
         return 0.0, 0
     start = min(r.recorded.time[0] for r in replays)
     clock = [float(r.recorded.time[0] - start) * 1e-6 for r in replays]
-    first = np.cumsum([0, *(len(_leg(t).distance) for _, t in trips)])
+    first, trips = np.cumsum([0, *(len(leg.distance) for *_, leg in driven)]), [(u, t) for u, t, _ in driven]
     half = half_box(truck)
     nodes = _nodes(replays, trips, clock)
     was = _gates(nodes.assign(alone=nodes.recorded), half)
     recorded = nodes.recorded.to_numpy()
-    for (u, trip), begin in zip(trips, first.tolist()[:-1], strict=True):
-        leg, stops = _leg(trip), dict[int, float]()  # On the way, with no other truck in the way
+    for (u, trip, leg), begin in zip(driven, first.tolist()[:-1], strict=True):
+        stops = dict[int, float]()  # On the way, with no other truck in the way
         for k, seconds in leg.stops.items():
             until = recorded[begin + k] + seconds
             end = begin + int(np.searchsorted(leg.distance, leg.distance[k] + REACH))
@@ -111,19 +103,14 @@ def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, i
     return _driven(replays, trips, clock, first, _gates(_nodes(replays, trips, clock), half))
 
 
-def _leg(trip: Trip) -> Leg:
-    assert trip.leg is not None
-    return trip.leg
-
-
 def _nodes(
     replays: Sequence[VehicleReplay], trips: Sequence[tuple[int, Trip]], clock: Sequence[float]
 ) -> pd.DataFrame:
     """All nodes, truck after truck: where, when in the recording and when alone [s], whose, on which trip."""
     parts, ready = [], dict.fromkeys(range(len(replays)), -np.inf)
     for k, (u, trip) in enumerate(trips):
-        assert trip.drive is not None
-        begin, path = max(trip.earliest, ready[u]), _leg(trip).path
+        assert trip.leg is not None and trip.drive is not None
+        begin, path = max(trip.earliest, ready[u]), trip.leg.path
         ready[u] = begin + trip.drive.duration + trip.work
         recorded, alone = path.time + clock[u], begin + trip.drive.time + clock[u]
         where = {"x": path.x, "y": path.y, "heading": path.heading}
@@ -196,7 +183,7 @@ def _driven(
         _, t, x, v = log[rows[k] : rows[k + 1]].T
         on = slice(int(np.searchsorted(t, took - 1e-6)))
         t, v = np.concatenate([[0.0], t[on], [took]]), np.concatenate([[0.0], v[on], [0.0]])
-        x = np.concatenate([[0.0], x[on], [_leg(trip).distance[-1]]])
+        x = np.concatenate([[0.0], x[on], [alone[k].distance[-1]]])
         trip.begin, trip.drive = float(state.begin[k] - clock[u]), SpeedProfile(x, v, t, np.zeros(len(t)))
         lost += took - alone[k].duration
     return lost / (sum(p.duration for p in alone) + lost), int(state.past[0])

@@ -125,17 +125,14 @@ class Occupancy(Untangler):
 
     # -- making room
 
-    def _spare_bay(self, v: int, only_park: bool = False) -> int | None:
+    def _make_room(self, v: int, only_park: bool = False) -> bool:
+        """Let a truck go to the nearest spare bay, with ``only_park`` of those to park, if there is one."""
         if not len(free := np.flatnonzero((self.owner < 0) & (self.kind == "park"))) and not only_park:
             free = np.flatnonzero((self.owner < 0) & (self.kind != "charge"))
-        return int(free[np.argmin(self._gaps(free, v))]) if len(free) else None
-
-    def _make_room(self, v: int) -> bool:
-        """Let a truck go to the nearest spare bay, if there is one."""
-        if (spare := self._spare_bay(v)) is not None:
-            self.count.made_room += 1
-            self._go(v, spare, "park")
-        return spare is not None
+        if len(free):
+            self.count.made_room += not only_park
+            self._go(v, int(free[np.argmin(self._gaps(free, v))]), "park")
+        return len(free) > 0
 
     def _send_away(self, v: int, bays: Sequence[int], only_low: bool = False) -> None:
         """One idle truck, with ``only_low`` one that must charge, leaves a bay, unless one is being left."""

@@ -13,7 +13,7 @@ from fleetlog.core.arrays import Floats, Index
 from fleetlog.core.motion import Motion
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.core.truck import Truck
-from fleetlog.physics.battery import BatteryModel, discharge
+from fleetlog.physics.battery import discharge
 from fleetlog.physics.power import battery_power, cell_power
 from fleetlog.simulate.state import Log, Mode, Modes
 from fleetlog.simulate.track import Track
@@ -96,30 +96,25 @@ class Meter:
         return {"battery_power": power, **self._state(power, which, physics.at(step0 * self.dt).actual_truck)}
 
     def _charge_power(self, bay: Index, which: slice) -> Floats:
-        truck = self.physics[self.of[which.start]].truck
-        rate = self.charger[bay]
-        rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * truck.battery.capacity_wh)
+        rate, battery = self.charger[bay], self.physics[self.of[which.start]].truck.battery
+        rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * battery.capacity_wh)
         taper = 1.0 - 0.9 * np.clip((self.soc[which] - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
         return np.asarray(rate * taper)
 
     def _state(self, power: Floats, which: slice, truck: Truck) -> Columns:
         """The charge at the start of each step; by a battery's chemistry also voltage [V] and current [A]."""
-        if self.battery is not None:
-            return self._chemistry(power, self.battery, which)
-        soc = np.zeros((len(power), power.shape[1] + 1))
-        np.cumsum(cell_power(power, truck), axis=1, out=soc[:, 1:])
-        soc *= -self.dt / (3600.0 * truck.battery.capacity_wh)
-        soc += self.soc[which, None]
-        np.clip(soc, 0.0, 1.0, out=soc)
-        self.soc[which] = soc[:, -1]
-        return {"soc": np.ascontiguousarray(soc[:, :-1])}
-
-    def _chemistry(self, power: Floats, battery: BatteryModel, which: slice) -> Columns:
-        soc, volts, amps = np.empty((3, *power.shape))
-        dt = np.full(power.shape[1], self.dt)
         charge = self.soc[which]
+        if self.battery is None:
+            soc = np.zeros((len(power), power.shape[1] + 1))
+            np.cumsum(cell_power(power, truck), axis=1, out=soc[:, 1:])
+            soc *= -self.dt / (3600.0 * truck.battery.capacity_wh)
+            soc += charge[:, None]
+            np.clip(soc, 0.0, 1.0, out=soc)
+            charge[:] = soc[:, -1]
+            return {"soc": np.ascontiguousarray(soc[:, :-1])}
+        (soc, volts, amps), dt = np.empty((3, *power.shape)), np.full(power.shape[1], self.dt)
         for v in range(len(power)):
-            d = discharge(power[v], dt, battery, float(charge[v]), self.temperature)
+            d = discharge(power[v], dt, self.battery, float(charge[v]), self.temperature)
             soc[v, 0], soc[v, 1:] = charge[v], d.soc[:-1]
             volts[v], amps[v], charge[v] = d.voltage, d.current, d.soc[-1]
         return {"soc": soc, "battery_voltage": volts, "battery_current": amps}

@@ -14,13 +14,14 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.cycles import CYCLES, VDI_LEGS
-from fleetlog.physics.motion import Reconstruction
+from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.legs import Leg, SpeedProfile, free_flow, joined, legs, speed_limits
 from fleetlog.physics.power import Physics, battery_power, soc_change
 from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.simulate.record import rounded
 from fleetlog.simulate.state import creep_speed
+from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MAX_GAP
 from fleetlog.store.writer import DatasetWriter
 
@@ -51,10 +52,12 @@ class VehicleReplay:
     """One truck's recording, driven again."""
 
     def __init__(
-        self, recorded: Trajectory, found: Reconstruction, site: Site, physics: Physics,
-        writer: DatasetWriter, lanes: Floats, temperature: float = np.nan,
+        self, recorded: Trajectory, dataset: Dataset, truck: Truck, physics: Physics, writer: DatasetWriter,
+        lanes: Floats, temperature: float,
     ) -> None:  # fmt: skip
-        self.recorded, self.site, self.physics, self.writer = recorded, site, physics, writer
+        self.recorded, self.site, self.writer = recorded, dataset.site, writer
+        self.physics = physics.of(recorded.vehicle_id, recorded.time[0] * 1e-6)
+        found = reconstruct(measured_channels(recorded, dataset.meta), self.site.network, truck)
         self.temperature = temperature  # Where the log has none [degC]
         self.lanes = lanes  # (E,) metres that trucks keep to the left of the middle of their roads
         self.energy = found.rows(np.nan_to_num(found.motion.power) * found.motion.dt)
@@ -93,38 +96,32 @@ class VehicleReplay:
             clock, row = until, max(end, row)
 
     def _trip(self, number: int, a: int, b: int) -> Trip:
+        from scipy.ndimage import uniform_filter1d
+
         rows, driven = self.recorded[a:b], self.legs.get(number)
         if not driven:
             at = float(self.time[a])
             return Trip(number, rows, at, at, None, None, 0.0, at, self._work(rows, at))
-        leg = self._drawn(joined(driven))
+        leg, network = joined(driven), self.site.network
+        if network is not None:
+            # On the middle of its roads, where it lies on roads.
+            p, on = leg.path, leg.path.edge >= 0
+            x, y, _ = network.position(np.maximum(p.edge, 0), p.edge_offset).T
+            leg = replace(leg, path=p.replaced(x=np.where(on, x, p.x), y=np.where(on, y, p.y)))
         self.totals[:3] += leg.distance[-1], leg.duration, self.energy[a:b].sum()
         leave, arrive = float(leg.path.time[0]), float(leg.path.time[-1])
         payload, work = float(np.median(leg.path.payload)), self._work(rows, arrive)
-        return Trip(number, rows, leave, arrive, self._beside(leg), self.free_flow(leg), payload, leave, work)
+        # Beside the middle of its roads, without a jump at corners.
+        p, drive = leg.path, self.free_flow(leg)
+        left = uniform_filter1d(np.where(p.edge >= 0, self.lanes[p.edge], 0.0), ROUNDED, mode="nearest")
+        beside = p.replaced(x=p.x - left * np.sin(p.heading), y=p.y + left * np.cos(p.heading))
+        return Trip(number, rows, leave, arrive, replace(leg, path=beside), drive, payload, leave, work)
 
     def free_flow(self, leg: Leg) -> SpeedProfile:
         """Speeds on a leg; into a bay and out of it a truck creeps."""
         limit, off = speed_limits(self.site, leg.path), leg.path.edge < 0
         slow = np.minimum(limit, creep_speed(self.physics.actual_truck))
         return free_flow(leg, self.physics.at(leg.path.time[0]), np.where(off & (not off.all()), slow, limit))
-
-    def _drawn(self, leg: Leg) -> Leg:
-        """The leg on the middle of its roads, where it lies on roads."""
-        network, p = self.site.network, leg.path
-        if network is None:
-            return leg
-        x, y, _ = network.position(np.maximum(p.edge, 0), p.edge_offset).T
-        return replace(leg, path=p.replaced(x=np.where(p.edge >= 0, x, p.x), y=np.where(p.edge >= 0, y, p.y)))
-
-    def _beside(self, leg: Leg) -> Leg:
-        """The leg on its lanes, without a jump at corners."""
-        from scipy.ndimage import uniform_filter1d
-
-        p = leg.path
-        left = uniform_filter1d(np.where(p.edge >= 0, self.lanes[p.edge], 0.0), ROUNDED, mode="nearest")
-        x, y = p.x - left * np.sin(p.heading), p.y + left * np.cos(p.heading)
-        return replace(leg, path=p.replaced(x=x, y=y))
 
     def _work(self, rows: Trajectory, arrive: float) -> float:
         """Seconds after the arrival until loads and forks have come to rest."""

@@ -245,24 +245,22 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
 
 def told_rows(table: pd.DataFrame, names: Sequence[str]) -> list[list[str]]:
     """The variants in words, below their heads; ``names`` are those of what is varied."""
-    head = [*names, "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
-    rows = [head, *([*(str(r[n]) for n in names), *_cells(r)] for r in table.to_dict("records"))]
-    return rows if table.task_wait_s.any() else [[*row[:-2], row[-1]] for row in rows]
 
-
-def _cells(row: Mapping[Any, Any]) -> list[str]:
-    def number(name: str, unit: str = "", sign: str = "") -> str:
+    def number(row: Mapping[Any, Any], name: str, unit: str = "", sign: str = "") -> str:
         scale = 100.0 if unit == " %" else 1.0
         value, half = scale * row[name], scale * row[f"{name}_ci"]
         if np.isnan(value):
             return "-"
         return f"{value:{sign}.1f}" + (f" ± {half:.1f}" if np.isfinite(half) else "") + unit
 
-    return [
-        number("tasks_per_h"), "" if row["variant"] == 0 else number("tasks_per_h_change", sign="+"),
-        number("waiting_share", " %"), number("energy_per_task_wh"), number("task_wait_s", " s"),
-        "; ".join(filter(None, [str(row["bottleneck"]), row["left_out"]])),
-    ]  # fmt: skip
+    rows = [[*names, "tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]]
+    for row in table.to_dict("records"):
+        change = "" if row["variant"] == 0 else number(row, "tasks_per_h_change", sign="+")
+        shares = number(row, "waiting_share", " %"), number(row, "energy_per_task_wh")
+        said = "; ".join(filter(None, [str(row["bottleneck"]), row["left_out"]]))
+        told = number(row, "tasks_per_h"), change, *shares, number(row, "task_wait_s", " s"), said
+        rows.append([*(str(row[name]) for name in names), *told])
+    return rows if table.task_wait_s.any() else [[*row[:-2], row[-1]] for row in rows]
 
 
 def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:

@@ -29,7 +29,6 @@ PACES = ("speed_factor", "max_acceleration", "max_deceleration", "max_lateral_ac
 DRIVER = dict.fromkeys(PACES, 1.0)
 """What a driver asks of a truck; power follows from the motion, whoever drives."""
 
-
 _Modes = namedtuple("_Modes", "PARKED HANDLING WANTS_OUT LEAVING DRIVING AT_BAY ENTERING CHARGING EMPTY")
 Mode = _Modes(*range(9))
 """What a truck does: it stands in a bay, works there, waits to leave it, backs out, drives, waits on the road
@@ -56,7 +55,7 @@ class Roads(NamedTuple):
     stop: Floats
     capacity: Index
     swings: Mask  # (P,) whether a truck turns so far that it comes back beside the lane that it left
-    conflict_first: Ints
+    conflict_first: Ints  # (R + 1,) resource r excludes conflicts[conflict_first[r]:conflict_first[r + 1]]
     conflicts: Index
     door_lane: Index
     door_at: Floats

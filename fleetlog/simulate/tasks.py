@@ -100,11 +100,17 @@ def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0, start:
     """Tasks of a CSV whose columns are ``COLUMNS``, or of an export but those whose place to go to is open;
     ``start`` of the simulation [us]. :class:`InputError` names the line at fault."""
     path, data, place = Path(path), read_whole(Path(path), SETTINGS), "line 1"
-    tasks, rng = [], np.random.default_rng(seed)
+    tasks, rng, known = [], np.random.default_rng(seed), f"the columns are {', '.join(COLUMNS)}"
     try:
         reader = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""), restval="")
-        reader.fieldnames = [EXPORTED.get(name, name) for name in reader.fieldnames or ()]
-        _check_header([*reader.fieldnames])
+        names = reader.fieldnames = [EXPORTED.get(name, name) for name in reader.fieldnames or ()]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"has the column {name!r} more than once", do=known)
+            if name not in COLUMNS and difflib.get_close_matches(name, COLUMNS):
+                raise InputError(f"has an unknown column {name!r}", do=nearest(name, COLUMNS))
+        if missing := {"from", "to"} - {*names}:
+            raise InputError(f"has no column {min(missing)!r}", do=known)
         for row in reader:
             place = f"line {reader.line_num}"
             if row["to"] or "status" not in row:
@@ -114,18 +120,6 @@ def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0, start:
     except InputError as error:
         raise InputError(error.what, where=path, place=place, do=error.do) from None
     return sorted(tasks, key=lambda t: t.earliest)
-
-
-def _check_header(names: list[str]) -> None:
-    known = f"the columns are {', '.join(COLUMNS)}"
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"has the column {name!r} more than once", do=known)
-        if name not in COLUMNS and difflib.get_close_matches(name, COLUMNS):
-            raise InputError(f"has an unknown column {name!r}", do=nearest(name, COLUMNS))
-    for name in ("from", "to"):
-        if name not in names:
-            raise InputError(f"has no column {name!r}", do=known)
 
 
 def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generator, start: int) -> Task:

@@ -56,15 +56,15 @@ class Watch:
         elif f.ahead[v] >= 0:
             yield int(f.ahead[v])
         elif f.why[v] == 2:
-            lane = self.next_lane(v)
+            lane = int(f.route[v, self.end(v)])
             yield self._between(lane, -np.inf, np.inf, -1)
             yield int(f.asks[lane])
         elif f.why[v] == 1:
-            _, wanted = passages(r, f, np.array([v]), f.at[[v]], np.array([self._end(v)]))
+            _, wanted = passages(r, f, np.array([v]), f.at[[v]], np.array([self.end(v)]))
             yield from self._holders(wanted, v, holders)
         else:
             # Who stands on, crosses, or is let out onto the next pieces of its way.
-            for k in range(int(f.at[v]), self._end(v) + 1):
+            for k in range(int(f.at[v]), self.end(v) + 1):
                 piece = int(f.route[v, k])
                 found = [f.tail[piece]] if k > f.at[v] else []
                 found += np.flatnonzero(f.crosses & (r.door_crosses[f.door] == piece)).tolist()
@@ -85,15 +85,12 @@ class Watch:
         on = np.flatnonzero((f.piece == lane) & (f.s >= low) & (f.s <= high) & (np.arange(len(f.s)) != v))
         return int(on[np.argmax(f.s[on])]) if len(on) else -1
 
-    def _end(self, v: int) -> int:
+    def end(self, v: int) -> int:
+        """Position on its route of the lane that truck ``v`` needs room on before it may go on."""
         f = self.fleet
         ahead = np.arange(f.at[v] + 1, f.last[v])
         safe = ahead[is_safe_lane(self.roads, f.route[v, ahead])]
         return int(safe[0] if len(safe) else f.last[v])
-
-    def next_lane(self, v: int) -> int:
-        """The lane that truck ``v`` needs room on before it may go on."""
-        return int(self.fleet.route[v, self._end(v)])
 
 
 def is_safe_lane(r: Roads, piece: Index) -> Mask:

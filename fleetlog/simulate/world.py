@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from itertools import compress
+from itertools import compress, product
 from types import MappingProxyType
 from typing import Any
 
@@ -10,16 +10,15 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.motion import Motion
-from fleetlog.core.site import Site, Zone
+from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, listed
 from fleetlog.physics.motion.legs import standing_still
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
-from fleetlog.simulate import junctions as between
 from fleetlog.simulate.bays import BayMaker, lay_out, offsets
 from fleetlog.simulate.doors import Bay, Door, Stand, all_doors, span
-from fleetlog.simulate.junctions import Junctions, find_junctions, half_box
+from fleetlog.simulate.junctions import Junctions, find_junctions, half_box, lanes_at, unique_pairs
 from fleetlog.simulate.state import HAIR, PLAN, Roads, Trucks
 from fleetlog.simulate.track import SPACING, Track, assemble, build_track
 from fleetlog.simulate.ways import Ways, with_loops
@@ -105,8 +104,6 @@ def vehicle_names(n: int) -> list[str]:
 
 def with_spurs(track: Track, doors: list[Door]) -> Track:
     """The track with one piece more for each door, laid on the edge of its lane."""
-    if not doors:
-        return track
     none = np.full(len(doors), -1, np.int32)
     lanes = np.array([d.lane for d in doors], dtype=np.int32)
     spurs = assemble(track.network, [(d.path, d.length) for d in doors], none, none, lanes)
@@ -116,32 +113,27 @@ def with_spurs(track: Track, doors: list[Door]) -> Track:
     return replace(track, **joined)
 
 
-def speed_limits(site: Site, track: Track) -> Floats:
-    """(S,) limit [m/s] of road and zones at every sample, inf where there is none."""
+def caps(site: Site, track: Track, physics: list[Physics]) -> Floats:
+    """(2 K, S) highest speed [m/s] of truck k without (row 2 k) and with a load (2 k + 1), by limits of roads
+    and zones, truck and terms, braking ahead of every bend included."""
+    from fleetlog.simulate.kernels.geometry import brake_ahead
+
     limit = np.nan_to_num(track.network.speed_limit, nan=np.inf)[track.edge]
     # In the middle of a connector the lower of the two limits holds on both sides of the change.
     change = np.flatnonzero(np.diff(track.edge) != 0)
     change = change[track.source[track.owner[change]] >= 0]
     limit[change] = limit[change + 1] = np.minimum(limit[change], limit[change + 1])
-    return np.minimum(limit, site.zone_limit(track.x, track.y))
-
-
-def caps(site: Site, track: Track, physics: Physics) -> Floats:
-    """(2, S) highest speed [m/s] without and with a load, by limits, truck and terms."""
-    from fleetlog.simulate.kernels.geometry import brake_ahead
-
-    truck = physics.actual_truck
-    allowed = np.minimum(speed_limits(site, track) * truck.drive.speed_factor, truck.drive.max_speed)
-    out = np.empty((2, len(track.x)))
-    for laden, payload in enumerate((0.0, 0.5 * truck.chassis.rated_load)):
+    limit, out = np.minimum(limit, site.zone_limit(track.x, track.y)), []
+    for p, laden in product(physics, (False, True)):
+        truck = p.actual_truck
         motion = Motion.of(
-            len(track.x), speed=allowed, curvature=track.curvature, slope=track.slope, heading=track.heading,
-            x=track.x, y=track.y, edge=track.edge, edge_offset=track.offset, payload=payload,
+            len(track.x), speed=np.minimum(limit * truck.drive.speed_factor, truck.drive.max_speed),
+            curvature=track.curvature, slope=track.slope, heading=track.heading, x=track.x, y=track.y,
+            edge=track.edge, edge_offset=track.offset, payload=0.5 * truck.chassis.rated_load * laden,
         )  # fmt: skip
-        cap = np.maximum(allowed_speed(motion, physics), 0.05)
-        brake_ahead(cap, track.first, track.spacing, PLAN * truck.drive.max_deceleration)
-        out[laden] = cap
-    return out
+        out.append(np.maximum(allowed_speed(motion, p), 0.05))
+        brake_ahead(out[-1], track.first, track.spacing, PLAN * truck.drive.max_deceleration)
+    return np.array(out)
 
 
 def stops_to_wait(track: Track, j: Junctions, physics: list[Physics]) -> tuple[Ints, Floats, Floats]:
@@ -159,13 +151,6 @@ def stops_to_wait(track: Track, j: Junctions, physics: list[Physics]) -> tuple[I
     return np.searchsorted(row, np.arange(len(physics) * len(network) + 1)).astype(np.int64), at, seconds
 
 
-def run_in(cap: Floats, track: Track, physics: list[Physics]) -> Floats:
-    """(E,) metres in which any truck that comes onto a lane can stop."""
-    enter = cap[:, track.first[: len(track.network)]].reshape(len(physics), 2, -1).min(axis=1)
-    brake = PLAN * np.array([p.actual_truck.drive.max_deceleration for p in physics])[:, None]
-    return np.asarray((enter * enter / (2.0 * brake) + HAIR * enter).max(axis=0))
-
-
 def _roads(
     site: Site, track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck,
     physics: list[Physics], walks: Floats,
@@ -174,9 +159,14 @@ def _roads(
 
     on_spur = ground.owner >= len(track)
     met = meetings(ground.x, ground.y, ground.z, ground.heading, ground.owner, on_spur, *half_box(truck))
-    apart = np.append(j.conflicts, _spur_conflicts(track, j, doors, ground, met), axis=0)
-    first, conflicts = between.conflict_lists(apart, len(track) + 2 * len(track.network) + len(doors))
-    cap = np.concatenate([caps(site, track, p) for p in physics])
+    a, b = np.append(j.conflicts, _spur_conflicts(track, j, doors, ground, met), axis=0).T
+    count = len(track) + 2 * len(track.network) + len(doors)
+    key = np.unique(np.append(a * count + b, b * count + a))
+    first = np.searchsorted(key, np.arange(count + 1, dtype=np.int64) * count)
+    cap = caps(site, track, physics)
+    enter = cap[:, track.first[: len(track.network)]].reshape(len(physics), 2, -1).min(axis=1)
+    brake = PLAN * np.array([p.actual_truck.drive.max_deceleration for p in physics])[:, None]
+    run_in = (enter * enter / (2.0 * brake) + HAIR * enter).max(axis=0)
     kinds = {"lane": np.int32, "crosses": np.int32}
     by_door: dict[str, Any] = {
         f"door_{name}": np.array([getattr(d, name) for d in doors], kinds.get(name, np.float64))
@@ -186,9 +176,8 @@ def _roads(
     onto, over = _over(by_door["door_crosses"], track, ground, met)
     return Roads(
         track.first, track.spacing, track.length, track.slope, cap, *stops_to_wait(track, j, physics),
-        walks.min(axis=0, initial=np.inf), run_in(cap, track, physics), j.clear, j.stop, j.capacity,
-        track.swings, first, conflicts, **by_door,
-        door_off=off, door_onto=onto, door_over=over,
+        walks.min(axis=0, initial=np.inf), run_in, j.clear, j.stop, j.capacity, track.swings, first,
+        (key % count).astype(np.int32), **by_door, door_off=off, door_onto=onto, door_over=over,
     )  # fmt: skip
 
 
@@ -213,9 +202,9 @@ def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], g: Track, met
     a, b = resource[met].T
     passed = np.append(np.zeros(spurs, dtype=bool), [d.passed for d in doors])
     keep = (a >= 0) & ~passed[a] & ~passed[b]
-    found = between.unique_pairs(a[keep], b[keep])
+    found = unique_pairs(a[keep], b[keep])
     lane = np.array([d.lane for d in doors], dtype=np.int64)[found[:, 1] - spurs]
-    _, entered, _, target = between.lanes_at(track, spurs + len(doors))[:, found[:, 0]]
+    _, entered, _, target = lanes_at(track, spurs + len(doors))[:, found[:, 0]]
     return np.asarray(found[(entered != lane) & (target != lane)])
 
 
@@ -223,7 +212,7 @@ def stops_before(site: Site, track: Track, length: float) -> Floats:
     """(Z, E) where trucks of a length stop on each lane before each zone that closes [m]; inf: nowhere."""
     lanes = len(track.network)
     samples = slice(0, track.first[lanes])
-    zones = closing(site)
+    zones = [zone for zone in site.zones if zone.closed_every > 0.0]
     out = np.full((len(zones), lanes), np.inf)
     for row, zone in zip(out, zones, strict=True):
         inside = np.flatnonzero(zone.contains(track.x[samples], track.y[samples]))
@@ -235,16 +224,11 @@ def stops_before(site: Site, track: Track, length: float) -> Floats:
     return out
 
 
-def closing(site: Site) -> list[Zone]:
-    """Zones that close at times."""
-    return [zone for zone in site.zones if zone.closed_every > 0.0]
-
-
 class Crossings:
     """When people cross, all for as long; exponential times of a mean lie between; a function of the seed."""
 
     def __init__(self, site: Site, stops: Floats, seed: int) -> None:
-        self._zones, self._lanes = closing(site), np.isfinite(stops)
+        self._zones, self._lanes = [z for z in site.zones if z.closed_every > 0.0], np.isfinite(stops)
         self._rng = [np.random.Generator(np.random.PCG64([seed, 11, k])) for k in range(len(self._zones))]
         self._begin = [r.exponential(z.closed_every) for r, z in zip(self._rng, self._zones, strict=True)]
 

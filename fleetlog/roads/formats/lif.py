@@ -49,7 +49,8 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
             if name in kinds:
                 raise SiteError("occurs twice", place=f"node {name}", do="name every node of the file apart")
             kinds[name] = _per_type(raw, "Node")
-            spots[name] = _placed(spot(p.get("x"), p.get("y"), f"node {name}")[None], frame)[0]
+            x, y, z = spot(p.get("x"), p.get("y"), f"node {name}")
+            spots[name] = np.array([*frame.to_site(x, y), z])
     for frame, layout in parts:
         for raw in _list(layout, "edges"):
             with at(f"edge {raw.get('edgeId')}"):
@@ -75,11 +76,6 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     return tally.road_map("LIF, directed", nothing, do, forbidden=forbidden, has_elevation=False)
 
 
-def _placed(points: Floats, frame: MapFrame) -> Floats:
-    """(n, 3) points of an origin in the site's metres."""
-    return np.column_stack([*frame.to_site(points[:, 0], points[:, 1]), points[:, 2]])
-
-
 def _list(item: Item, key: str) -> list[Item]:
     rows = item.get(key) or []
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
@@ -97,7 +93,7 @@ def _edge(raw: Item, spots: Nodes, frame: MapFrame) -> Edge:
     kinds, points = _per_type(raw, "Edge"), np.array([spots[start], spots[end]])
     if line := next((k["trajectory"] for k in kinds if k.get("trajectory")), None):
         inner = _nurbs(line)[1:-1]
-        inner = _placed(np.column_stack([inner, np.zeros(len(inner))]), frame)
+        inner = np.column_stack([*frame.to_site(*inner.T), np.zeros(len(inner))])
         points = np.insert(points, 1, inner, axis=0)
     # Version 2 spells the word out.
     given = (k.get(word) for k in kinds for word in ("maxSpeed", "maximumSpeed"))

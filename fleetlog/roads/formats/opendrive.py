@@ -20,8 +20,7 @@ from fleetlog.core.words import count
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats._odr_geometry import sample
-from fleetlog.roads.formats._odr_links import connect
-from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, parse_road
+from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, connect, parse_road
 from fleetlog.roads.formats.base import HUGE, MapOptions, Reader, RoadMap, Tally, at, number
 
 DRIVEN = frozenset({
@@ -66,11 +65,23 @@ def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> Non
     default = "LHT" if options.traffic == "left" else "RHT"
     driven = options.lane_types or DRIVEN
     for road in roads.values():
-        for edge in _lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped):
-            tally.add(edge)
-            if not (np.abs(edge.points) <= HUGE).all():
-                what = "its lanes lie beyond the earth"
-                raise SiteError(what, place=f"road {road.id}", do="correct the map")
+        left = (road.rule or default) == "LHT"
+        for k, section in enumerate(road.sections):
+            length = section.end - section.start
+            some = np.linspace(section.start, section.end - BEFORE_END, 9)
+            for lane in (section.lanes[i] for i in section.lanes if i != 0):
+                widths = np.abs(np.diff(_sides(road, section, lane, some), axis=0))
+                if lane.type not in driven:
+                    tally.dropped[f"lane type {lane.type}"] += 1
+                    skipped[lane.type] += length
+                elif length < MICRO:
+                    tally.dropped["shorter than 1 mm"] += 1
+                elif widths.max() < THIN:
+                    tally.dropped["without width"] += 1
+                else:
+                    tally.kept += 1
+                    for edge in _directed(road, k, lane, left, float(widths.mean())):
+                        tally.add(edge)
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))
         tally.notes.append(f"length of the lanes that are left out, by type: {parts}")
@@ -79,32 +90,11 @@ def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> Non
         tally.note(against, "road", f"of another rule than traffic = {options.traffic!r}, which holds there")
 
 
-def _lane_edges(
-    road: Road, driven: frozenset[str], left: bool, tally: Tally, skipped: dict[str, float]
-) -> Iterator[Edge]:
-    """The edges of a road, from lane end to lane end; ``skipped`` gathers the metres left out, by type."""
-    for k, section in enumerate(road.sections):
-        length = section.end - section.start
-        some = np.linspace(section.start, section.end - BEFORE_END, 9)
-        for lane in section.lanes.values():
-            if lane.id == 0:
-                continue
-            widths = np.abs(np.diff(_sides(road, section, lane, some), axis=0))
-            if lane.type not in driven:
-                tally.dropped[f"lane type {lane.type}"] += 1
-                skipped[lane.type] += length
-            elif length < MICRO:
-                tally.dropped["shorter than 1 mm"] += 1
-            elif widths.max() < THIN:
-                tally.dropped["without width"] += 1
-            else:
-                tally.kept += 1
-                yield from _directed(road, k, lane, left, float(widths.mean()))
-
-
 def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Iterator[Edge]:
     section = road.sections[k]
     points, name = _centre_line(road, section, lane), f"{road.id}:{k}:{lane.id}"
+    if not (np.abs(points) <= HUGE).all():
+        raise SiteError("its lanes lie beyond the earth", place=f"road {road.id}", do="correct the map")
     # The limit on the greatest part of the section, the lane's or else the road's.
     limit, longest = math.nan, 0.0
     for (s, speed), (until, _) in pairwise([*sorted(lane.speeds or road.speeds), (math.inf, math.nan)]):
@@ -144,19 +134,15 @@ def _centre_line(road: Road, section: Section, lane: Lane) -> Floats:
         z = road.elevation.at(s) + t * np.sin(roll)
         return np.column_stack([x - flat * np.sin(heading), y + flat * np.cos(heading), z])
 
-    return at(sample(at, _stations(road, section, _inward(section, lane)), CHORD))
-
-
-def _stations(road: Road, section: Section, lanes: list[Lane]) -> Floats:
-    """s [m] of a section's ends, of every record that starts inside it, and at most 25 m apart."""
+    # Stations at the ends of the section, at every record that starts inside it, and at most 25 m apart.
     cubics = [road.elevation, road.superelevation, road.offset]
-    cubics += [table for lane in lanes for table in (lane.widths, lane.borders)]
+    cubics += [table for inward in _inward(section, lane) for table in (inward.widths, inward.borders)]
     marks = np.concatenate([road.plan.starts, *(table.starts for table in cubics)])
     inner = marks[(marks > section.start + 1e-6) & (marks < section.end - 1e-6)]
     pieces = max(1, math.ceil((section.end - section.start) / 25.0))
     s = np.unique([*inner, *np.linspace(section.start, section.end, 1 + pieces)])
     # the last one is the end of the section, and stays
-    return np.asarray(s[np.append(np.diff(s[:-1], prepend=-np.inf) > 1e-6, True)])
+    return at(sample(at, s[np.append(np.diff(s[:-1], prepend=-np.inf) > 1e-6, True)], CHORD))
 
 
 def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats, Floats]:

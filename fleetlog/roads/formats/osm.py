@@ -34,6 +34,7 @@ DRIVEN = frozenset({
     "road",
 })  # fmt: skip
 """Classes that are driven unless the user says otherwise."""
+ALIVE = "[not(@visible = 'false' or @action = 'delete')]"  # What an editor has not deleted
 
 
 def _read(path: Path, options: MapOptions) -> RoadMap:
@@ -41,7 +42,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     root = parse_xml(path, "osm", tally.notes)
     if root.find("relation/tag[@k='type'][@v='lanelet']") is not None:
         return _lanelet_map(path)
-    nodes = {str(n.get("id")): n for n in root.iterfind("node") if _alive(n)}
+    nodes = {str(n.get("id")): n for n in root.xpath(f"node{ALIVE}")}
     spots = {name: spot(n.get("lon"), n.get("lat"), f"node {name}") for name, n in nodes.items()}
     ways = _ways(root, options.road_classes or DRIVEN, spots, tally)
     tally.kept = len(ways)
@@ -58,16 +59,11 @@ def _tags(element: Element) -> Tags:
     return {str(t.get("k")): t.get("v") or "" for t in element.iterfind("tag")}
 
 
-def _alive(element: Element) -> bool:
-    return bool(element.get("visible") != "false" and element.get("action") != "delete")
-
-
 def _ways(root: Element, driven: frozenset[str], spots: Spots, tally: Tally) -> list[Way]:
     """The driven ways."""
     out, cut = [], 0
-    for element in root.iterfind("way"):
-        tags = _tags(element)
-        if "highway" not in tags or not _alive(element):
+    for element in root.xpath(f"way{ALIVE}"):
+        if "highway" not in (tags := _tags(element)):
             continue
         nodes = [str(nd.get("ref")) for nd in element.iterfind("nd")]
         chain = [n for n, _ in groupby(n for n in nodes if n in spots)]

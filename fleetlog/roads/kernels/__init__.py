@@ -1,1 +1,1 @@
-"""Compiled loops: grouping, distances, decoding, routes, placing."""
+"""Compiled loops: distances, decoding, routes."""

@@ -25,6 +25,7 @@ OVER = 1.0 + 1e-9  # chances that are nearer to each other are equal
 Step = tuple[float, float, float, float, float]
 """Distance travelled, its spread, how far a way is tried [m]; chances of entering an edge and of turning."""
 FAR = 16.0 * float(np.exp(-4.0))
+BLOCK, AHEAD = 1000, 60  # groups that are decided together, and how far beyond them the model looks
 
 
 @fast_outer
@@ -57,7 +58,8 @@ def _fit(d: float, moved: float, scale: float) -> Any:
 
 
 class Model(NamedTuple):
-    """What a step from group to group depends on; arrays are those of the records."""
+    """What a step from group to group depends on: arrays of the records, but not the records themselves, for
+    an array less is a hundredth less to compile."""
 
     length: Floats
     reverse: Index
@@ -75,15 +77,6 @@ class Model(NamedTuple):
     beta: float  # spread of steps [m]
     back: float  # how far noise moves a truck against its edge [m]
     turn: float  # cost of a turn in mid edge
-
-
-def model_of(
-    roads: Roads, store: Store, near: Candidates, own: Floats, groups: Groups, *numbers: float
-) -> Model:
-    """Put together what :func:`decode` needs; an array less is a hundredth less to compile."""
-    known = store.begin, store.reached, store.target, store.away
-    of_roads, of_groups = (roads.length, roads.reverse, roads.rank), (groups.moved, groups.still)
-    return Model._make([*of_roads, *known, near.ptr, near.edge, near.offset, own, *of_groups, *numbers])
 
 
 @fast_inner
@@ -113,9 +106,6 @@ def _links(x: Model, step: Step, c: int, b: int, slot: Wide, row: Floats) -> Non
 def reach_of(moved: float, beta: float) -> Any:
     """How long a way is tried for a step of travelled distance ``moved`` [m]."""
     return moved + max(JUMP * math.sqrt(beta * beta + 0.01 * moved * moved), SLACK)
-
-
-BLOCK, AHEAD = 1000, 60  # groups that are decided together, and how far beyond them the model looks
 
 
 @fast_outer
@@ -148,26 +138,28 @@ class Scratch(NamedTuple):
     slot: Wide  # (E,) state of an edge, -1
 
 
-def scratch(near: Candidates, edges: int) -> Scratch:
-    """Room for decoding."""
-    widest = int(np.diff(near.ptr).max()) + 1
-    groups = min(len(near.ptr), BLOCK + AHEAD + 1)
-    states = np.empty(groups * widest), np.empty(groups * widest, np.int64)
-    steps, slot = np.empty(groups * widest * widest, np.float32), np.full(edges, -1, np.int64)
-    return Scratch._make([steps, *states, *np.zeros((5, widest)), slot])
-
-
-def decode(x: Model, chain: Wide, out: Choice, room: Scratch) -> None:
-    """Likeliest state of every group, and every state's posterior, into ``out``. Works through blocks of
-    groups and looks ahead beyond each, so memory does not grow with the track."""
-    start = 0
-    for end in (*(np.flatnonzero(np.diff(chain)) + 1).tolist(), len(chain)):
+def decode(
+    roads: Roads, store: Store, near: Candidates, own: Floats, groups: Groups, *numbers: float
+) -> Choice:
+    """Likeliest state of every group, and every state's posterior; ``numbers`` are those of :class:`Model`.
+    Works through blocks of groups and looks ahead beyond each, so memory does not grow with the track."""
+    known = store.begin, store.reached, store.target, store.away
+    of_roads, of_groups = (roads.length, roads.reverse, roads.rank), (groups.moved, groups.still)
+    x = Model._make([*of_roads, *known, near.ptr, near.edge, near.offset, own, *of_groups, *numbers])
+    count, widest, start = len(groups.t), int(np.diff(near.ptr).max()) + 1, 0
+    out = Choice(np.full(count, -1), np.empty(len(own)), np.zeros(count, np.bool_))
+    states = min(count + 1, BLOCK + AHEAD + 1) * widest
+    rows = np.empty(states), np.empty(states, np.int64)
+    steps, slot = np.empty(states * widest, np.float32), np.full(len(x.length), -1, np.int64)
+    room = Scratch._make([steps, *rows, *np.zeros((5, widest)), slot])
+    for end in (*(np.flatnonzero(np.diff(groups.chain)) + 1).tolist(), count):
         fixed = -1
         while start < end:
             seen = min(start + BLOCK + AHEAD, end)
             commit = end if seen == end else start + BLOCK
             fixed = _block(x, start, commit, seen, fixed, out, room)
             start = commit
+    return out
 
 
 @fast_outer

@@ -135,12 +135,3 @@ class Rows(NamedTuple):
     sd: Floats  # [m]
     seen: Floats  # coordinate of the position [m]
     kept: Floats  # (5, N) states of the filter; then pools of :func:`make_monotone`
-
-
-class Placed(NamedTuple):
-    """Where each of N rows is."""
-
-    edge: Index
-    offset: Floats  # [m]
-    lateral: Floats  # [m]
-    confidence: Floats

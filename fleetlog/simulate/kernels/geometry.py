@@ -78,7 +78,6 @@ def grown(c: Cells, more: int) -> Cells:
     """The same cells with room for ``more`` boxes."""
     if c.size[0] + more <= len(c.after):
         return c
-
     longer = 2 * len(c.after) + more
     parts = (np.resize(values, (longer, *values.shape[1:])) for values in (c.after, c.box, c.group, c.kind))
     return c._replace(**dict(zip(("after", "box", "group", "kind"), parts, strict=True)))

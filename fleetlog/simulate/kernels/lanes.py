@@ -248,26 +248,19 @@ def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
 
 
 @inner
-def reach_door(r: Roads, f: Fleet, v: int) -> None:
-    """Turn onto the spur where its door is passed and its ground reserved, or wait at rest before it."""
-    past = f.s[v] - r.door_at[f.door[v]]
-    if f.entry[v] and past >= 0.0:
-        f.mode[v], f.spur[v] = Mode.ENTERING, past
-    elif f.v[v] < REST and abs(past) < NEAR:
-        f.mode[v], f.v[v] = Mode.AT_BAY, 0.0
-    else:
-        return
-    f.s[v], f.waits[v] = r.door_at[f.door[v]], np.inf
-
-
-@inner
 def stand(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> None:
-    """A truck on the road may have come to where it has to stand, or to its door."""
+    """A truck on the road may have come to where it has to stand, or to its door: there it turns onto the
+    spur where that is passed and its ground reserved, or waits at rest before it."""
     waits = wait_ahead(r, f, x, v, f.piece[v]) if f.piece[v] < len(r.clear) else -1
     if waits >= 0 and f.v[v] == 0.0 and f.s[v] > r.wait_at[waits] - NEAR:
         f.stood[v], f.until[v] = r.wait_at[waits], now + r.wait_for[waits]
     elif f.at[v] == f.last[v]:
-        reach_door(r, f, v)
+        door = r.door_at[f.door[v]]
+        past = f.s[v] - door
+        if f.entry[v] and past >= 0.0:
+            f.mode[v], f.spur[v], f.s[v], f.waits[v] = Mode.ENTERING, past, door, np.inf
+        elif f.v[v] < REST and abs(past) < NEAR:
+            f.mode[v], f.v[v], f.s[v], f.waits[v] = Mode.AT_BAY, 0.0, door, np.inf
 
 
 @inner

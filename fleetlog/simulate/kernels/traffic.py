@@ -125,19 +125,15 @@ def forks(f: Fleet, x: Limits, v: int, since: float) -> float:
 
 
 @inner
-def handling(f: Fleet, x: Limits, log: Log, v: int, column: int, now: float, dt: float) -> None:
-    """Forks and load of a truck that works; the rate is a mean over the step, so energy is exact."""
-    since = now - f.hand_start[v]
-    height = forks(f, x, v, since)
-    after = forks(f, x, v, since + dt)
-    f.load[v] = f.hand_before[v] if since < f.hand_times[v, 0] + 0.5 * f.hand_times[v, 1] else f.hand_after[v]
+def write(r: Roads, f: Fleet, x: Limits, log: Log, v: int, column: int, now: float, dt: float) -> None:
+    """The state at the start of a step; the rate of the forks is a mean over it, so energy is exact."""
+    m, height, after = f.mode[v], 0.0, 0.0
+    if m == Mode.HANDLING:
+        since = now - f.hand_start[v]
+        height, after = forks(f, x, v, since), forks(f, x, v, since + dt)
+        taken = since >= f.hand_times[v, 0] + 0.5 * f.hand_times[v, 1]
+        f.load[v] = f.hand_after[v] if taken else f.hand_before[v]
     log.height[v, column], log.lift[v, column] = height, (after - height) / dt
-
-
-@inner
-def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
-    """The state at the start of a step."""
-    m = f.mode[v]
     if m == Mode.DRIVING or m == Mode.AT_BAY or (m == Mode.EMPTY and f.piece[v] >= 0):
         log.piece[v, column], log.s[v, column] = f.piece[v], f.s[v]
     else:
@@ -164,11 +160,8 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
                 f.attention[v] = True
             f.a[v] = (next_speed(r, f, v, x, dt) - f.v[v]) / dt
         for v in range(trucks):
-            log.height[v, column + k], log.lift[v, column + k] = 0.0, 0.0
             m = f.mode[v]
-            if m == Mode.HANDLING:
-                handling(f, x, log, v, column + k, now, dt)
-            write(r, f, log, v, column + k)
+            write(r, f, x, log, v, column + k, now, dt)
             if f.v[v] == 0.0 and f.a[v] == 0.0:
                 if m == Mode.DRIVING:
                     stand(r, f, v, x, now)
