@@ -19,8 +19,8 @@ import pyarrow.csv as pv
 
 from fleetlog.core.arrays import Ints
 from fleetlog.errors import FormatError
-from fleetlog.importers._fields import Fields
 from fleetlog.importers._open import HEAD, ReadReport, open_bytes
+from fleetlog.importers._profile import Fields
 from fleetlog.importers._units import KINDS
 from fleetlog.importers.base import GEOGRAPHIC, Reject
 

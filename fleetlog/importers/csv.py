@@ -13,9 +13,8 @@ from pathlib import Path
 from fleetlog import engines
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_table import Block, TableReader, blocks, cells_of, guess_encoding, rows_of
-from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._open import ReadReport, head_of
-from fleetlog.importers._profile import Profile
+from fleetlog.importers._profile import Fields, Profile, fields_of
 from fleetlog.importers._rows import finite
 from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers._units import KINDS, normal

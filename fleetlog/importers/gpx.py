@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
-from fleetlog.importers._rows import finite, heading_of_course
-from fleetlog.importers._xml import Elements, bare
+from fleetlog.importers._rows import Elements, bare, finite, heading_of_course
 from fleetlog.importers.base import Importer, ReadOptions, holding
 
 _KEPT = {"ele": "z", "hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError, InputError
 from fleetlog.importers import _csv_table
-from fleetlog.importers._csv_clock import one_angle
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile, profile_from_dict
+from fleetlog.importers._table_rows import one_angle
 from fleetlog.importers._units import UNITS, find_unit, packed_minutes, recognise
 from fleetlog.importers.base import RawBatch, ReadOptions, detect
 
