@@ -26,7 +26,8 @@ class Unit:
         if self.name == "compass_deg":
             values = 90.0 - values
         if self.name == "ddmm":
-            return packed_minutes(values)
+            whole = np.trunc(values / 100.0)  # dddmm.mmmm, as NMEA 0183 has it
+            values = whole + (values - 100.0 * whole) / 60.0
         out = values if (self.factor, self.shift) == (1.0, 0.0) else (values + self.shift) * self.factor
         if self.kind == "angle" and self.name != "rad":
             out = np.pi - np.mod(np.pi - out, 2 * np.pi)
@@ -60,12 +61,6 @@ def unit(text: str, column: str, where: str | None = None) -> Unit:
 def si_unit(column: str) -> Unit:
     """The unit that the dataset has for ``column``."""
     return next(u for u in UNITS if (u.kind, u.factor, u.shift) == (KINDS[column], 1.0, 0.0))
-
-
-def packed_minutes(values: Floats) -> Floats:
-    """Degrees of figures packed as ``dddmm.mmmm`` (NMEA 0183)."""
-    whole = np.trunc(values / 100.0)
-    return np.asarray(whole + (values - 100.0 * whole) / 60.0, dtype=np.float64)
 
 
 _BY_SPELLING = {s: name for name, words in _TEXT["columns"].items() for s in [name, *words.split()]}

@@ -45,6 +45,7 @@ class Walk(ABC):
         self.stream, self.report = stream, report
         self.size = path.stat().st_size
         self.at = self.count = 0  # Place in the file, and whole messages so far
+        self.schemas: dict[int, str] = {}  # Their names, where channels tell them by number
         self.channels: dict[int, Topic] = {}
         self.chunks: dict[int, int] = {}  # Messages in the chunk at each place, where the index tells them
         self.stated = self.indexed = 0  # Messages of which the index at the end, and those on the way, speak
@@ -140,10 +141,7 @@ class Walk(ABC):
     def say(self, text: str) -> None:
         """Report damage; of very much the first."""
         self._damages += 1
-        if self._damages <= DAMAGE_LINES:
-            self.report.damaged(text)
-        elif self._damages == DAMAGE_LINES + 1:
-            self.report.damaged("more damage of this kind")
+        self.report.damaged(text if self._damages <= DAMAGE_LINES else "more damage of this kind")
 
 
 def _why(error: Exception) -> str:

@@ -13,7 +13,6 @@ from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.importers.base import GEOGRAPHIC
 
-NO_ROWS = 0.0005  # A smaller share of rows on roads is shown as 0.0 %
 FAR = 3000.0  # A log whose middle lies farther from every road than this is of another place [m]
 
 
@@ -97,13 +96,6 @@ def _distance(place: Sequence[Any], network: Network) -> float:
     x, y = map(float, place)
     xmin, ymin, xmax, ymax = network.extent
     return float(np.hypot(max(xmin - x, 0.0, x - xmax), max(ymin - y, 0.0, y - ymax)))
-
-
-def check_matched(share: float | None, rows: int, site: Site) -> None:
-    """:class:`DataError` where next to no row lies on a road: another place, or another frame."""
-    if share is not None and rows and share < NO_ROWS:
-        do = "check the site's frame and the log's coordinates and units, or import without --site"
-        raise DataError(f"0.0 % of the {rows:,} rows are on a road of site {site.name!r}", do=do)
 
 
 def looks_like_degrees(rows: Trajectory) -> bool:
