@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import orjson
 
 from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
-from fleetlog.importers._times import iso_time
+from fleetlog.importers._units import iso_time
 from fleetlog.importers.osi import SCHEMAS, vehicles
 
 _STAMP: dict[int, Any] = {1: "sec", 2: "nsec"}

@@ -19,8 +19,17 @@ from fleetlog.core.schema import Keys, Wrong, either, flag, list_of, one_of, rea
 from fleetlog.core.site import MapFrame, crs, map_frames
 from fleetlog.errors import InputError
 from fleetlog.importers._open import ReadReport
-from fleetlog.importers._times import epoch_unit, microseconds
-from fleetlog.importers._units import EPOCH_UNITS, KINDS, Meaning, Unit, recognise, si_unit, unit
+from fleetlog.importers._units import (
+    EPOCH_UNITS,
+    KINDS,
+    Meaning,
+    Unit,
+    epoch_unit,
+    microseconds,
+    recognise,
+    si_unit,
+    unit,
+)
 
 _PARTS_OF_DATES = "YyGmbBdjUWVuwaA"
 TARGETS = (*NAMES, "latitude", "longitude")

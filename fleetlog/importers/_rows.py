@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from math import isfinite
 from pathlib import Path
@@ -15,7 +15,7 @@ from lxml import etree
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FormatError
 from fleetlog.importers._open import open_bytes
-from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME, iso_time
+from fleetlog.importers._units import EARLIEST, LATEST, OFF_TIME, iso_time
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, ReadOptions, Reject
 
 BATCH = 1 << 16  # Rows in a batch: large enough for columns to pay, small enough for bounded memory
@@ -257,11 +257,3 @@ def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
     if not x * x + y * y + z * z + w * w > 1e-6:
         return NAN
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def renamed(labels: Labels, names: Sequence[str | None]) -> Labels:
-    """The labels with a new name for each of theirs; None is null, and equal names become one."""
-    if list(names) == list(labels.names):
-        return labels
-    fresh = Labels.of(names)
-    return Labels(np.append(fresh.codes, np.int32(-1))[labels.codes], fresh.names)

@@ -40,6 +40,7 @@ class Walk(ABC):
     chunk: ClassVar[int]
     inner: ClassVar[frozenset[int]]
     ends: ClassVar[frozenset[int]] = frozenset()
+    tail: ClassVar[bytes] = b""  # As long as ``magic``: what a whole file ends with that has no index
 
     def __init__(self, path: Path, stream: BinaryIO, report: ReadReport) -> None:
         self.stream, self.report = stream, report
@@ -67,10 +68,6 @@ class Walk(ABC):
     @abstractmethod
     def _take(self, kind: int, header: Any, data: Any) -> Message | None:
         """The message that a record is; other records are taken note of."""
-
-    def _cut_off(self) -> bool:
-        """Whether the end of a file without an index is missing although every record is whole."""
-        return True
 
     def share(self) -> float:
         """Share of the file that has been read."""
@@ -128,7 +125,8 @@ class Walk(ABC):
 
     def _close(self, expected: int) -> None:
         """Compare what was read with what there should be."""
-        if not self._damages and not self.whole and self._cut_off():
+        self.stream.seek(max(self.size - len(self.magic), 0))
+        if not self._damages and not self.whole and self.stream.read() != self.tail:
             self.say("the end of the file is cut off")
         if self.count < expected:
             missing = expected - self.count

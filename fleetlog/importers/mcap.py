@@ -25,7 +25,7 @@ class McapWalk(Walk):
     """An open MCAP file."""
 
     called = "an MCAP file"
-    magic = MAGIC
+    magic = tail = MAGIC
     chunk, inner = CHUNK, frozenset({SCHEMA, CHANNEL, MESSAGE})
     ends = frozenset({FOOTER, DATA_END})
     # From 128 on kinds are those of whoever wrote the file.
@@ -48,10 +48,6 @@ class McapWalk(Walk):
         for item in records(body):
             self._take(*item)
         return True
-
-    def _cut_off(self) -> bool:
-        self.stream.seek(max(self.size - len(MAGIC), 0))
-        return self.stream.read() != MAGIC
 
     def _next(self) -> Record:
         self.stream.seek(self.at)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from fleetlog.importers._open import HEAD, head_of
 from fleetlog.importers._rows import Elements, finite, heading_of_course
-from fleetlog.importers._times import iso_time
+from fleetlog.importers._units import iso_time
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, ReadOptions, holding
 
 _EPOCH = re.compile(rb"fleetlog-epoch ([0-9T:.Z+-]{10,40})")

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from fleetlog.core.words import count
 from fleetlog.importers._rows import NAN, Records, finite
-from fleetlog.importers._times import iso_time
+from fleetlog.importers._units import iso_time
 from fleetlog.importers.base import LOCAL, Importer, ReadOptions
 
 Message = dict[str, Any]

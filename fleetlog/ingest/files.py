@@ -12,10 +12,9 @@ import numpy as np
 from fleetlog.core.trajectory import Labels
 from fleetlog.core.words import count
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, DataError, FleetlogError, InputError
-from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile, load_profile
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, by_name, detect, find
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions, by_name, detect, find, read_guarded
 from fleetlog.ingest.summary import ImportSummary
 from fleetlog.listening import notice
 from fleetlog.store.documents import plain
@@ -100,13 +99,10 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
     whole = find(folder)
     if whole is not None and importer in (None, whole):
         return [Log(folder, whole)]
-    found, other = [], []
-    for path in sorted(_files(folder)):
-        log = _log(path, lambda p: find(p) if p.stat().st_size else None)
-        if log.error or (log.importer is not None and importer in (None, log.importer)):
-            found.append(log)
-        else:
-            other.append(str(path.relative_to(folder)))
+    logs = [_log(path, lambda p: find(p) if p.stat().st_size else None) for path in sorted(_files(folder))]
+    found = [log for log in logs if log.error or (log.importer and importer in (None, log.importer))]
+    taken = {log.path for log in found}
+    other = [str(log.path.relative_to(folder)) for log in logs if log.path not in taken]
     if found and other:
         named = ", ".join(other[:NAMED]) + (" ..." if len(other) > NAMED else "")
         notice(f"{folder}: {count(len(other), 'file')} passed over, not of the format of a log: {named}")

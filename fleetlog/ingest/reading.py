@@ -20,9 +20,8 @@ from fleetlog.core.trajectory import Labels, Trajectory, Values, concatenate
 from fleetlog.errors import FleetlogError
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._rows import renamed
-from fleetlog.importers._times import EARLIEST
-from fleetlog.importers.base import LOCAL, RawBatch
+from fleetlog.importers._units import EARLIEST
+from fleetlog.importers.base import LOCAL, RawBatch, renamed
 from fleetlog.ingest.files import Log
 from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, Rejects, Slip, Spill
 from fleetlog.listening import progress

@@ -105,7 +105,13 @@ class DatasetWriter:
             return
         pieces = [slice(k * each, (k + 1) * each) for k in range(len(vehicles))]
         for vehicle, piece in zip(vehicles, pieces, strict=True):
-            self._check(replace(rows, vehicle_id=vehicle)[piece])
+            replace(rows, vehicle_id=vehicle)[piece].check()
+            if vehicle == HIVE_NULL:
+                do = "rename it: readers take it for unknown"
+                raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
+            if rows.time[piece.start] <= self._last.get(vehicle, -(1 << 62)):
+                what = f"rows of vehicle {vehicle} are not later than those that are there"
+                raise DataError(what, where=self.path, do="leave out the logs of that time")
         table = to_arrow(rows, part=True)
         for one in table.schema:
             self.columns.setdefault(one.name, (one.metadata or {}).get(b"unit", b"").decode())
@@ -117,15 +123,6 @@ class DatasetWriter:
                 self._write_part(vehicle, str(np.datetime64(int(time[begin]) // DAY, "D")), part)
             self._last[vehicle] = int(time[-1])
         self.pieces.append(trip_pieces(rows, vehicles))
-
-    def _check(self, piece: Trajectory) -> None:
-        piece.check()
-        if (vehicle := piece.vehicle_id) == HIVE_NULL:
-            do = "rename it: readers take it for unknown"
-            raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
-        if piece.time[0] <= self._last.get(vehicle, -(1 << 62)):
-            what = f"rows of vehicle {vehicle} are not later than those that are there"
-            raise DataError(what, where=self.path, do="leave out the logs of that time")
 
     def _write_part(self, vehicle: str, date: str, table: pa.Table) -> None:
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
