@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.core.arrays import Mask
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame, MapFrame, Site
 from fleetlog.core.trajectory import Labels, Trajectory
@@ -40,24 +39,17 @@ def into_site(rows: Trajectory, frames: Sequence[MapFrame], every: MapFrame | No
     that of the name in a row's ``map_id`` counts, and others stay. ``level`` is the floor of the frame."""
     if "x" not in rows or "y" not in rows:
         return rows
-    if every is not None:
-        return _moved(rows, every, np.ones(len(rows), bool))
     maps = rows.labels("map_id")
-    for frame in frames:
-        if frame.name in maps.names:
-            rows = _moved(rows, frame, maps.codes == maps.names.index(frame.name))
+    named = [(f, maps.codes == maps.names.index(f.name)) for f in frames if f.name in maps.names]
+    for frame, mine in named if every is None else [(every, np.ones(len(rows), bool))]:
+        x, y = frame.to_site(rows.floats("x"), rows.floats("y"))
+        turned = np.remainder(rows.floats("heading") + frame.rotation + np.pi, 2.0 * np.pi) - np.pi
+        new = {n: v for n, v in (("x", x), ("y", y), ("heading", turned)) if n in rows}
+        rows = rows.with_columns(**{n: np.where(mine, v, rows.floats(n)) for n, v in new.items()})
+        if frame.level:
+            levels = zip(mine, rows.labels("level").strings(), strict=True)
+            rows = rows.with_columns(level=Labels.of([frame.level if m else old for m, old in levels]))
     return rows
-
-
-def _moved(rows: Trajectory, frame: MapFrame, mine: Mask) -> Trajectory:
-    x, y = frame.to_site(rows.floats("x"), rows.floats("y"))
-    turned = np.remainder(rows.floats("heading") + frame.rotation + np.pi, 2.0 * np.pi) - np.pi
-    new = {"x": x, "y": y, "heading": turned}
-    moved = rows.with_columns(**{n: np.where(mine, v, rows.floats(n)) for n, v in new.items() if n in rows})
-    if not frame.level:
-        return moved
-    levels = [frame.level if m else old for m, old in zip(mine, rows.labels("level").strings(), strict=True)]
-    return moved.with_columns(level=Labels.of(levels))
 
 
 def check_place(rows: Trajectory, site: Site, sample: Trajectory) -> None:
