@@ -143,7 +143,9 @@ def with_line_feeds(text: bytes, report: ReadReport) -> bytes:
     out, stray = [pieces[0]], 0
     for piece in pieces[1:]:
         before, after = out[-1].rpartition(b"\n")[2], piece.partition(b"\n")[0]
-        torn = _torn(before, after, usual)
+        first, second = _separators(before), _separators(after)
+        rows = before.strip() and after.strip() and not before.startswith(b"#") and not after.startswith(b"#")
+        torn = bool(rows) and first + second <= usual and (first < usual or second == 0)
         stray += torn
         out[-1:] = [out[-1] + b" " + piece] if torn else [out[-1], piece]
     if stray:
@@ -155,14 +157,6 @@ def with_line_feeds(text: bytes, report: ReadReport) -> bytes:
 
 def _separators(line: bytes) -> int:
     return line.translate(_SEPARATORS).count(b",")
-
-
-def _torn(before: bytes, after: bytes, usual: int) -> bool:
-    """Whether two pieces are one row that a carriage return tears apart."""
-    if not before.strip() or not after.strip() or before.startswith(b"#") or after.startswith(b"#"):
-        return False
-    first, second = _separators(before), _separators(after)
-    return first + second <= usual and (first < usual or second == 0)
 
 
 NULLS = ["", "NA", "N/A", "NaN", "nan", "null", "NULL", "None", "-", "#N/A"]

@@ -13,24 +13,9 @@ import pyarrow.compute as pc
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Labels, Values, labels_of
 from fleetlog.errors import FormatError, InputError
+from fleetlog.importers import _units
 from fleetlog.importers._profile import Fields, Source, has_date
 from fleetlog.importers._rows import REJECT_TEXT
-from fleetlog.importers._units import (
-    EPOCH_UNITS,
-    KINDS,
-    MISSING,
-    NONE,
-    SKIPPED,
-    UNREADABLE,
-    Days,
-    LocalClock,
-    epoch_unit,
-    from_counts,
-    from_format,
-    from_iso,
-    microseconds,
-    of_day,
-)
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject, renamed
 
 Masks = dict[str, Mask]
@@ -45,8 +30,8 @@ class Clock:
         self.names, self.path = fields.time, fields.report.path
         self.profile, self.report = fields.profile, fields.report
         self.unit, self.style = fields.epoch, fields.profile.time_format or ""
-        self.local = LocalClock(self.profile.zone) if self.profile.zone else None
-        self.days: Days | None = None
+        self.local = _units.LocalClock(self.profile.zone) if self.profile.zone else None
+        self.days: _units.Days | None = None
         self.missing: Mask = np.zeros(0, bool)
         self.skipped: Mask = np.zeros(0, bool)
 
@@ -60,12 +45,12 @@ class Clock:
             return self._typed(cells, vehicle)
         self.style = self.style or self._decide(cells)
         if not self.style:
-            return np.full(len(cells), NONE)
-        if self.style in EPOCH_UNITS:
+            return np.full(len(cells), _units.NONE)
+        if self.style in _units.EPOCH_UNITS:
             try:
                 return self._whole(cells.cast(pa.int64()), self.style, self.profile.origin)
             except pa.ArrowInvalid:
-                return from_counts(numbers(cells)[0], self.style, self.profile.origin)
+                return _units.from_counts(numbers(cells)[0], self.style, self.profile.origin)
         if self.style == "of day" or not has_date(self.style):
             if self.days is None:
                 # On the days from the profile's origin: a date is never made up.
@@ -73,14 +58,14 @@ class Clock:
                     do = 'name a column of dates too, or state the first day: [time] origin = "2026-03-02"'
                     raise FormatError("the times are times of day without a date", where=self.path, do=do)
                 here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
-                self.days = Days(microseconds(datetime(here.year, here.month, here.day)))
-            time = self.days.dated(of_day(cells, self.style))
-            return self.to_utc(time, time != NONE, vehicle)
+                self.days = _units.Days(_units.microseconds(datetime(here.year, here.month, here.day)))
+            time = self.days.dated(_units.of_day(cells, self.style))
+            return self.to_utc(time, time != _units.NONE, vehicle)
         if self.profile.time_origin is not None:
             what, where = "the times have dates of their own", self.profile.path
             raise InputError(what, where=where, place="time.origin", do="leave the origin out")
-        time, bare = from_iso(cells) if self.style == "iso" else from_format(cells, self.style)
-        return self.to_utc(time, bare & (time != NONE), vehicle)
+        time, bare = _units.from_iso(cells) if self.style == "iso" else _units.from_format(cells, self.style)
+        return self.to_utc(time, bare & (time != _units.NONE), vehicle)
 
     def _typed(self, cells: pa.Array, vehicle: Labels) -> Ints:
         """Times that are no text: dates, stamps (local where they state no zone), counts."""
@@ -88,17 +73,17 @@ class Clock:
             cells = cells.cast(pa.timestamp("s" if pa.types.is_date32(cells.type) else "ms"))
         if pa.types.is_timestamp(cells.type):
             time = self._whole(cells.cast(pa.int64()), cells.type.unit, 0)
-            return time if cells.type.tz else self.to_utc(time, time != NONE, vehicle)
+            return time if cells.type.tz else self.to_utc(time, time != _units.NONE, vehicle)
         figures = np.asarray(cells.cast(pa.float64(), safe=False).fill_null(np.nan), dtype=np.float64)
-        if self.style not in EPOCH_UNITS:
+        if self.style not in _units.EPOCH_UNITS:
             self.style = self.decide_count(figures)
         if pa.types.is_integer(cells.type):
             return self._whole(cells.cast(pa.int64(), safe=False), self.style, self.profile.origin)
-        return from_counts(figures, self.style, self.profile.origin)
+        return _units.from_counts(figures, self.style, self.profile.origin)
 
     def _whole(self, counts: pa.Array, unit: str, origin: int) -> Ints:
-        time = from_counts(np.asarray(counts.fill_null(0), dtype=np.int64), unit, origin)
-        return np.where(self.missing, NONE, time)
+        time = _units.from_counts(np.asarray(counts.fill_null(0), dtype=np.int64), unit, origin)
+        return np.where(self.missing, _units.NONE, time)
 
     def _decide(self, cells: pa.Array) -> str:
         """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""
@@ -107,9 +92,9 @@ class Clock:
         figures, _ = numbers(sample)
         if np.isfinite(figures).mean() > 0.5:
             return self.decide_count(figures)
-        if (of_day(sample, "of day") != NONE).mean() > 0.5:
+        if (_units.of_day(sample, "of day") != _units.NONE).mean() > 0.5:
             return "of day"
-        if (from_iso(sample)[0] != NONE).any():
+        if (_units.from_iso(sample)[0] != _units.NONE).any():
             return "iso"
         do = "state its format in a profile (--profile FILE.toml), as [time] format = '%d.%m.%Y %H:%M:%S'"
         shown = str(sample[0])[:60]
@@ -120,7 +105,7 @@ class Clock:
         known = np.sort(figures[np.isfinite(figures)])
         middle = float(known[len(known) // 2]) if len(known) else np.nan
         origin, name = self.profile.time_origin, self.names[0]
-        likely = epoch_unit(middle)
+        likely = _units.epoch_unit(middle)
         if self.unit is not None and (origin is not None or likely == self.unit):
             self.report.recognised[name] = f"timestamp, counted in {self.unit} from {origin or 1970}"
             return self.unit
@@ -143,7 +128,7 @@ class Clock:
         names = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes]
         out = time.copy()
         out[bare] = self.local.to_utc(time[bare], names[bare])
-        self.skipped = (time != NONE) & (out == NONE)
+        self.skipped = (time != _units.NONE) & (out == _units.NONE)
         return out
 
     def close(self) -> None:
@@ -234,7 +219,7 @@ class TableRows:
         columns: dict[str, Values] = {}
         for target, source in self.fields.columns.items():
             chunk = table.column(source.column)
-            if target in KINDS:
+            if target in _units.KINDS:
                 columns[target] = self._si(target, source, self._figures(chunk, source.column, target, bad))
             elif target == "trip_id":
                 trip = self._figures(chunk, source.column, target, bad)
@@ -294,9 +279,9 @@ class TableRows:
             if again.any():
                 text = pa.types.is_string(chunk.type)
                 again &= np.asarray(chunk.to_pandas() == name, dtype=bool) if text else False
-        none, clock = time == NONE, self.clock
-        found = {"the vehicle id is missing": vehicle.codes < 0, UNREADABLE: none}
-        found |= {MISSING: none & clock.missing, SKIPPED: none & clock.skipped}
+        none, clock = time == _units.NONE, self.clock
+        found = {"the vehicle id is missing": vehicle.codes < 0, _units.UNREADABLE: none}
+        found |= {_units.MISSING: none & clock.missing, _units.SKIPPED: none & clock.skipped}
         found |= {f"{name} is not a number": bad[name] for name in _MUST if name in bad}
         found |= {"the header line again": again}
         codes = np.full(len(time), -1, np.int32)

@@ -145,9 +145,8 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     paces = [] if "speed" in summary.derived else [p for o in outcomes for p in o.paces]
     filled = sum((o.filled for o in outcomes), Counter[str]())
     summary.filled = dict(sorted((+filled).items()))
-    summary.notes += [
-        f"{n:,} {DERIVED[name]} (unknown in the log, or rejected)" for name, n in summary.filled.items()
-    ]
+    why = "(unknown in the log, or rejected)"
+    summary.notes += [f"{n:,} {DERIVED[name]} {why}" for name, n in summary.filled.items()]
     found: dict[str, tuple[Any, ...]] = {kind: (number,) for kind, number in counts.items() if number}
     if unit := suspect_unit(paces[:MOST_PACES]):
         found["pace"] = unit[::-1]
