@@ -19,8 +19,8 @@ import pyarrow.csv as pv
 
 from fleetlog.core.arrays import Ints
 from fleetlog.errors import FormatError
-from fleetlog.importers._fields import Fields
 from fleetlog.importers._open import HEAD, ReadReport, open_bytes
+from fleetlog.importers._profile import Fields
 from fleetlog.importers._units import KINDS
 from fleetlog.importers.base import GEOGRAPHIC, Reject
 
@@ -143,7 +143,9 @@ def with_line_feeds(text: bytes, report: ReadReport) -> bytes:
     out, stray = [pieces[0]], 0
     for piece in pieces[1:]:
         before, after = out[-1].rpartition(b"\n")[2], piece.partition(b"\n")[0]
-        torn = _torn(before, after, usual)
+        first, second = _separators(before), _separators(after)
+        rows = before.strip() and after.strip() and not before.startswith(b"#") and not after.startswith(b"#")
+        torn = bool(rows) and first + second <= usual and (first < usual or second == 0)
         stray += torn
         out[-1:] = [out[-1] + b" " + piece] if torn else [out[-1], piece]
     if stray:
@@ -157,19 +159,10 @@ def _separators(line: bytes) -> int:
     return line.translate(_SEPARATORS).count(b",")
 
 
-def _torn(before: bytes, after: bytes, usual: int) -> bool:
-    """Whether two pieces are one row that a carriage return tears apart."""
-    if not before.strip() or not after.strip() or before.startswith(b"#") or after.startswith(b"#"):
-        return False
-    first, second = _separators(before), _separators(after)
-    return first + second <= usual and (first < usual or second == 0)
-
-
 NULLS = ["", "NA", "N/A", "NaN", "nan", "null", "NULL", "None", "-", "#N/A"]
 
 
-def _as_cp1252(error: UnicodeError) -> tuple[str, int]:
-    assert isinstance(error, UnicodeDecodeError)
+def _as_cp1252(error: Any) -> tuple[str, int]:
     return error.object[error.start : error.end].decode("cp1252", "replace"), error.end
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import orjson
 
 from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
-from fleetlog.importers._times import iso_time
+from fleetlog.importers._units import iso_time
 from fleetlog.importers.osi import SCHEMAS, vehicles
 
 _STAMP: dict[int, Any] = {1: "sec", 2: "nsec"}
@@ -178,18 +178,13 @@ def _said_pose(m: dict[str, Any]) -> Sample:
     return Sample(stamp_of(m), values)
 
 
-def _said_battery(m: dict[str, Any]) -> Sample:
-    """ROS counts the current negative while discharging; the contract the other way round."""
+def _said_battery(m: dict[str, Any], unit: float = 1.0) -> Sample:
+    """ROS counts the current negative while discharging; the contract the other way round. ``unit`` is that
+    of the state of charge."""
     voltage, current, warmth, soc = numbers(m, "voltage", "current", "temperature", "percentage")
-    values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc}
+    values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc * unit}
     values["battery_temperature"] = warmth
     return Sample(stamp_of(m), {name: value for name, value in values.items() if value == value})
-
-
-def _in_percent(m: dict[str, Any]) -> Sample:
-    sample = _said_battery(m)
-    sample.values["soc"] = sample.values.get("soc", math.nan) * 0.01
-    return sample
 
 
 def _osi(schema: str) -> dict[str, Decode]:
@@ -215,7 +210,7 @@ _READ: tuple[tuple[str, int, Callable[[dict[str, Any]], Sample], str], ...] = (
     ("foxglove.PoseInFrame", 4, _said_pose, _POSE),
     ("nav_msgs/Odometry", 6, _said_pose, _POSE + ", speed"),
     ("sensor_msgs/BatteryState", 9, _said_battery, _BATTERY),
-    ("foxglove.Battery", 9, _in_percent, _BATTERY + ", percentage from %"),
+    ("foxglove.Battery", 9, partial(_said_battery, unit=0.01), _BATTERY + ", percentage from %"),
 )
 KINDS: dict[str, Kind] = {
     **{name: Kind(rank, _decoders(name, said), meaning) for name, rank, said, meaning in _READ},

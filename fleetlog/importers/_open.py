@@ -27,6 +27,8 @@ class ReadReport:
     notes: list[str] = field(default_factory=list)  # Anything else that was decided and not asked for
     damage: list[str] = field(default_factory=list)
     """What is broken or cut off, where, and how much is whole; any entry makes the exit status 3."""
+    file: str = ""  # Its name in a summary
+    rows: int = 0  # That were read, refused ones among them
 
     def note(self, text: str) -> None:
         """Say something once."""
@@ -47,6 +49,10 @@ class ReadReport:
         """Say what another report of the file says."""
         self.notes += [text for text in other.notes if text not in self.notes]
         self.damage += [text for text in other.damage if text not in self.damage]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``--json`` prints it."""
+        return {k: getattr(self, k) for k in ("file", "format", "rows", "recognised", "notes", "damage")}
 
     def nothing(self, what: str, do: str = "check the format") -> FormatError:
         """The error for a file that gave no row: what it holds, and the first damage that was met."""

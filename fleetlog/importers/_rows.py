@@ -3,17 +3,19 @@
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
 from math import isfinite
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from lxml import etree
 
 from fleetlog.core.trajectory import Labels, Values
-from fleetlog.errors import REPORT
+from fleetlog.errors import REPORT, FormatError
 from fleetlog.importers._open import open_bytes
-from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME, iso_time
+from fleetlog.importers._units import EARLIEST, LATEST, OFF_TIME, iso_time
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, ReadOptions, Reject
 
 BATCH = 1 << 16  # Rows in a batch: large enough for columns to pay, small enough for bounded memory
@@ -21,6 +23,8 @@ LOOKED_FOR = 64  # Records between two looks whether a batch is full
 Row = dict[str, Any]  # Values by the names of columns; a string is a label
 REJECT_TEXT = 400  # Characters of a rejected record that are kept
 NAN = float("nan")
+LIMIT = 1 << 24  # Bytes between two elements of interest; beyond it is no log but an attack or a mistake
+AT_ONCE = 64  # Elements that wait to be dropped, and elements in one that may
 
 
 class Sample(NamedTuple):
@@ -154,6 +158,60 @@ class Records(ABC):
             yield from rows.drain()
 
 
+class Elements(Records):
+    """Elements of the ``wanted`` tags at their ends; like the ``passed`` ones counted, then dropped.
+
+    So memory does not grow with the file. Entities are not expanded, nothing is loaded from elsewhere,
+    libxml2's limits on depth and text stay on. A broken file gives what came before; the report says so."""
+
+    wanted: ClassVar[tuple[str, ...]]
+    passed: ClassVar[tuple[str, ...]] = ()
+    _since = 0  # Bytes since the last element
+
+    def read(self, size: int = -1) -> bytes:
+        """For the parser."""
+        data = self.stream.read(min(size, 1 << 15) if size > 0 else 1 << 15)
+        self._since += len(data)
+        if self._since > LIMIT:
+            what = f"one element holds more than {LIMIT >> 20} MB of XML"
+            raise FormatError(what, where=self.path, do="this is no log; leave it out")
+        return data
+
+    def records(self) -> Iterator[Any]:
+        """The wanted elements."""
+        events = etree.iterparse(
+            self, events=("end",), tag=[f"{{*}}{t}" for t in (*self.wanted, *self.passed)],
+            resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
+        )  # fmt: skip
+        try:
+            for number, (_, element) in enumerate(events):
+                self._since = 0
+                tag = bare(element.tag)
+                self.seen[tag] += 1
+                if tag in self.wanted:
+                    yield element
+                if len(element) > AT_ONCE:
+                    element.clear()
+                if number % AT_ONCE:
+                    continue
+                # Drop what stands before the element, and before all that it is in, but for names.
+                while (parent := element.getparent()) is not None:
+                    name = next(element.itersiblings("{*}name", preceding=True), None)
+                    begin = 0 if name is None else parent.index(name) + 1
+                    del parent[begin : parent.index(element)]
+                    element = parent
+        except etree.XMLSyntaxError as error:
+            line = f"line {error.position[0]}" if error.position and error.position[0] else "the start"
+            why = " ".join(str(error).split())[:120]
+            self.report.damaged(f"the XML breaks off or is wrong at {line} ({why})")
+
+
+@lru_cache(1 << 10)
+def bare(tag: Any) -> str:
+    """A tag without its namespace; ``""`` for comments and instructions."""
+    return tag.rsplit("}", 1)[-1] if isinstance(tag, str) else ""
+
+
 def figures(line: bytes, count: int) -> list[float] | None:
     """The ``count`` finite numbers that a line consists of, or None."""
     try:
@@ -199,11 +257,3 @@ def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
     if not x * x + y * y + z * z + w * w > 1e-6:
         return NAN
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def renamed(labels: Labels, names: Sequence[str | None]) -> Labels:
-    """The labels with a new name for each of theirs; None is null, and equal names become one."""
-    if list(names) == list(labels.names):
-        return labels
-    fresh = Labels.of(names)
-    return Labels(np.append(fresh.codes, np.int32(-1))[labels.codes], fresh.names)

@@ -1,24 +1,185 @@
-"""Arrow tables to batches: known columns, times, units, and the rows that do not fit."""
+"""Arrow tables to batches: known columns, times, units, and the rows that do not fit.
 
+How the times of a table are written its first rows decide."""
+
+import re
 from collections.abc import Callable
+from datetime import UTC, datetime
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Labels, Values, labels_of
-from fleetlog.importers._csv_clock import Clock, degrees, numbers
-from fleetlog.importers._fields import Fields
-from fleetlog.importers._open import ReadReport
-from fleetlog.importers._profile import Source
-from fleetlog.importers._rows import REJECT_TEXT, renamed
-from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
-from fleetlog.importers._units import KINDS
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject
+from fleetlog.errors import FormatError, InputError
+from fleetlog.importers import _units
+from fleetlog.importers._profile import Fields, Source, has_date
+from fleetlog.importers._rows import REJECT_TEXT
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject, renamed
 
 Masks = dict[str, Mask]
 Texts = Callable[[list[int]], list[str]]
 _MUST = (*GEOGRAPHIC, *LOCAL)  # A row whose position is no number is refused; of others only the value is
+
+
+class Clock:
+    """Times of one file, table by table, from the columns and in the unit that its fields name."""
+
+    def __init__(self, fields: Fields) -> None:
+        self.names, self.path = fields.time, fields.report.path
+        self.profile, self.report = fields.profile, fields.report
+        self.unit, self.style = fields.epoch, fields.profile.time_format or ""
+        self.local = _units.LocalClock(self.profile.zone) if self.profile.zone else None
+        self.days: _units.Days | None = None
+        self.missing: Mask = np.zeros(0, bool)
+        self.skipped: Mask = np.zeros(0, bool)
+
+    def times(self, table: pa.Table, vehicle: Labels) -> Ints:
+        """(N,) microseconds UTC; ``NONE`` where a cell cannot be read."""
+        parts = [table.column(n).combine_chunks() for n in self.names]
+        cells = pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
+        self.missing = np.asarray(cells.is_null(), dtype=bool)
+        self.skipped = np.zeros(len(cells), bool)
+        if not pa.types.is_string(cells.type):
+            return self._typed(cells, vehicle)
+        self.style = self.style or self._decide(cells)
+        if not self.style:
+            return np.full(len(cells), _units.NONE)
+        if self.style in _units.EPOCH_UNITS:
+            try:
+                return self._whole(cells.cast(pa.int64()), self.style, self.profile.origin)
+            except pa.ArrowInvalid:
+                return _units.from_counts(numbers(cells)[0], self.style, self.profile.origin)
+        if self.style == "of day" or not has_date(self.style):
+            if self.days is None:
+                # On the days from the profile's origin: a date is never made up.
+                if (origin := self.profile.time_origin) is None:
+                    do = 'name a column of dates too, or state the first day: [time] origin = "2026-03-02"'
+                    raise FormatError("the times are times of day without a date", where=self.path, do=do)
+                here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
+                self.days = _units.Days(_units.microseconds(datetime(here.year, here.month, here.day)))
+            time = self.days.dated(_units.of_day(cells, self.style))
+            return self.to_utc(time, time != _units.NONE, vehicle)
+        if self.profile.time_origin is not None:
+            what, where = "the times have dates of their own", self.profile.path
+            raise InputError(what, where=where, place="time.origin", do="leave the origin out")
+        time, bare = _units.from_iso(cells) if self.style == "iso" else _units.from_format(cells, self.style)
+        return self.to_utc(time, bare & (time != _units.NONE), vehicle)
+
+    def _typed(self, cells: pa.Array, vehicle: Labels) -> Ints:
+        """Times that are no text: dates, stamps (local where they state no zone), counts."""
+        if pa.types.is_date(cells.type):
+            cells = cells.cast(pa.timestamp("s" if pa.types.is_date32(cells.type) else "ms"))
+        if pa.types.is_timestamp(cells.type):
+            time = self._whole(cells.cast(pa.int64()), cells.type.unit, 0)
+            return time if cells.type.tz else self.to_utc(time, time != _units.NONE, vehicle)
+        figures = np.asarray(cells.cast(pa.float64(), safe=False).fill_null(np.nan), dtype=np.float64)
+        if self.style not in _units.EPOCH_UNITS:
+            self.style = self.decide_count(figures)
+        if pa.types.is_integer(cells.type):
+            return self._whole(cells.cast(pa.int64(), safe=False), self.style, self.profile.origin)
+        return _units.from_counts(figures, self.style, self.profile.origin)
+
+    def _whole(self, counts: pa.Array, unit: str, origin: int) -> Ints:
+        time = _units.from_counts(np.asarray(counts.fill_null(0), dtype=np.int64), unit, origin)
+        return np.where(self.missing, _units.NONE, time)
+
+    def _decide(self, cells: pa.Array) -> str:
+        """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""
+        if not len(sample := cells.drop_null().slice(0, 1000)):
+            return ""
+        figures, _ = numbers(sample)
+        if np.isfinite(figures).mean() > 0.5:
+            return self.decide_count(figures)
+        if (_units.of_day(sample, "of day") != _units.NONE).mean() > 0.5:
+            return "of day"
+        if (_units.from_iso(sample)[0] != _units.NONE).any():
+            return "iso"
+        do = "state its format in a profile (--profile FILE.toml), as [time] format = '%d.%m.%Y %H:%M:%S'"
+        shown = str(sample[0])[:60]
+        raise FormatError(f"times as {shown!r} can be read in several ways", where=self.path, do=do)
+
+    def decide_count(self, figures: Floats) -> str:
+        """The unit of a count from 1970, or from the profile's origin: a start is never made up."""
+        known = np.sort(figures[np.isfinite(figures)])
+        middle = float(known[len(known) // 2]) if len(known) else np.nan
+        origin, name = self.profile.time_origin, self.names[0]
+        likely = _units.epoch_unit(middle)
+        if self.unit is not None and (origin is not None or likely == self.unit):
+            self.report.recognised[name] = f"timestamp, counted in {self.unit} from {origin or 1970}"
+            return self.unit
+        if likely is None or origin is not None or self.unit is not None:
+            what = f"the time {middle:.12g} counts {self.unit or 'in an unknown unit'} from an unknown start"
+            do = 'state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"'
+            raise FormatError(what, where=self.path, do=do)
+        why = "no other unit gives a date near ours"
+        self.report.recognised[name] = f"timestamp, counted in {likely} from 1970 ({why})"
+        return likely
+
+    def to_utc(self, time: Ints, bare: Mask, vehicle: Labels) -> Ints:
+        """Times of which the ``bare`` ones are local (UTC without a zone in the profile)."""
+        if not bare.any():
+            return time
+        if self.local is None:
+            otherwise = "(a profile says otherwise: [time] zone = ...)"
+            self.report.note(f"the times state no zone: taken as UTC {otherwise}")
+            return time
+        names = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes]
+        out = time.copy()
+        out[bare] = self.local.to_utc(time[bare], names[bare])
+        self.skipped = (time != _units.NONE) & (out == _units.NONE)
+        return out
+
+    def close(self) -> None:
+        """Report how the clock changes were handled."""
+        if self.local is None:
+            return
+        self.report.note(f"times are local of {self.local.zone.key}")
+        if self.local.twice:
+            hour = "in an hour that comes twice (clocks went back)"
+            self.report.note(f"{self.local.twice} rows lie {hour}; told apart by their order")
+
+
+_NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+_DEGREES = re.compile(
+    r"^\s*(?P<head>[NSEWnsew])?\s*(?P<sign>[+-])?\s*(?P<d>\d{1,3}(?:\.\d+)?)\s*(?:°|d|deg|:|\s)\s*"
+    r"(?:(?P<m>\d{1,2}(?:\.\d+)?)\s*(?:'|′|m|min|:|\s|$)\s*)?"
+    r"(?:(?P<s>\d{1,2}(?:\.\d+)?)\s*(?:\"|″|''|s|sec)?\s*)?(?P<tail>[NSEWnsew])?\s*$"
+)
+
+
+def numbers(cells: pa.Array, decimal: str = ".") -> tuple[Floats, Mask]:
+    """Values of text cells, NaN where empty or ``nan``, and which cells are no numbers (infinity is none)."""
+    text = pc.utf8_trim_whitespace(cells)
+    text = text if decimal == "." else pc.replace_substring(text, decimal, ".")
+    good = pc.fill_null(pc.match_substring_regex(text, _NUMBER), False)
+    kept = pc.if_else(good, pc.replace_substring_regex(text, r"^\+", ""), pa.scalar(None, pa.string()))
+    values = np.array(kept.cast(pa.float64()).fill_null(np.nan), dtype=np.float64)
+    nan = pc.fill_null(pc.match_substring_regex(text, "(?i)^[+-]?nan$"), False)
+    return values, ~np.asarray(pc.or_(pc.or_(good, nan), pc.fill_null(pc.equal(text, ""), True)))
+
+
+def degrees(cells: pa.Array, decimal: str = ".") -> tuple[Floats, Mask]:
+    """Degrees of cells as ``49.977``, ``49 58.614 N`` or ``49°58'36.8"N``, and which cells are neither."""
+    values, bad = numbers(cells, decimal)
+    for row in np.flatnonzero(bad).tolist():
+        if (value := one_angle(str(cells[row].as_py()).replace(decimal, "."))) is not None:
+            values[row], bad[row] = value, False
+    return values, bad
+
+
+def one_angle(text: str) -> float | None:
+    """One angle in degrees, minutes and seconds, south and west negative; None where it is not one."""
+    match = _DEGREES.match(text)
+    if match is None or (match["head"] and match["tail"]):
+        return None
+    minutes, seconds = float(match["m"] or 0.0), float(match["s"] or 0.0)
+    if minutes >= 60.0 or seconds >= 60.0:
+        return None
+    value = float(match["d"]) + minutes / 60.0 + seconds / 3600.0
+    letter = (match["head"] or match["tail"] or "N").upper()
+    return -value if (letter in "SW") != (match["sign"] == "-") else value
 
 
 class TableRows:
@@ -27,8 +188,7 @@ class TableRows:
 
     def __init__(self, fields: Fields, vehicle: str, angles: set[str], decimal: str = ".") -> None:
         self.fields, self.vehicle, self.angles, self.decimal = fields, vehicle, angles, decimal
-        self.report: ReadReport = fields.report
-        self.clock = Clock(fields)
+        self.report, self.clock = fields.report, Clock(fields)
         self._missing = Source("", sentinels=fields.profile.sentinels)
         self._percent = False
         self._figures_of: dict[str, bool] = {}  # Whether a column has figures; unknown before a value
@@ -43,10 +203,13 @@ class TableRows:
         time = self.clock.times(table, vehicle)
         reasons = self._reasons(table, time, vehicle, bad)
         keep = reasons.codes < 0
-        for name in bad.keys() - {*_MUST}:
-            rejects += _refused(record, bad[name] & keep, f"{name} is not a number", texts, False)
+        refused = [(bad[n] & keep, f"{n} is not a number", False) for n in bad.keys() - {*_MUST}]
         for code in set(reasons.codes[~keep].tolist()):
-            rejects += _refused(record, reasons.codes == code, reasons.names[code], texts)
+            refused.append((reasons.codes == code, reasons.names[code], True))
+        for which, why, whole in refused:
+            gone = record[which].tolist()
+            told = zip(gone, texts(gone), strict=True)
+            rejects += [Reject(n, why, text[:REJECT_TEXT], whole) for n, text in told]
         if not keep.all():
             columns = {n: v[keep] for n, v in columns.items()}
             vehicle, time, record = vehicle[keep], time[keep], record[keep]
@@ -56,7 +219,7 @@ class TableRows:
         columns: dict[str, Values] = {}
         for target, source in self.fields.columns.items():
             chunk = table.column(source.column)
-            if target in KINDS:
+            if target in _units.KINDS:
                 columns[target] = self._si(target, source, self._figures(chunk, source.column, target, bad))
             elif target == "trip_id":
                 trip = self._figures(chunk, source.column, target, bad)
@@ -116,17 +279,12 @@ class TableRows:
             if again.any():
                 text = pa.types.is_string(chunk.type)
                 again &= np.asarray(chunk.to_pandas() == name, dtype=bool) if text else False
-        none, clock = time == NONE, self.clock
-        found = {"the vehicle id is missing": vehicle.codes < 0, UNREADABLE: none}
-        found |= {MISSING: none & clock.missing, SKIPPED: none & clock.skipped}
+        none, clock = time == _units.NONE, self.clock
+        found = {"the vehicle id is missing": vehicle.codes < 0, _units.UNREADABLE: none}
+        found |= {_units.MISSING: none & clock.missing, _units.SKIPPED: none & clock.skipped}
         found |= {f"{name} is not a number": bad[name] for name in _MUST if name in bad}
         found |= {"the header line again": again}
         codes = np.full(len(time), -1, np.int32)
         for code, mask in enumerate(found.values()):
             codes[mask] = code
         return Labels(codes, tuple(found))
-
-
-def _refused(record: Ints, which: Mask, why: str, texts: Texts, whole: bool = True) -> list[Reject]:
-    gone = record[which].tolist()
-    return [Reject(n, why, text[:REJECT_TEXT], whole) for n, text in zip(gone, texts(gone), strict=True)]

@@ -22,8 +22,9 @@ from fleetlog.importers._rows import BATCH, LOOKED_FOR, Rows, Sample
 from fleetlog.importers._walk import Walk
 from fleetlog.importers.base import RawBatch, ReadOptions
 
-KIND = "tf2_msgs/TFMessage"
+KIND, OLD_KIND = "tf2_msgs/TFMessage", "tf/tfMessage"  # Of transforms
 BASES = ("base_link", "base_footprint")
+STATIC = "tf_static"  # The end of the name of a topic of frames that do not move
 ODOMETRY = "odom"  # A frame that drifts; poses in it count where no other frame is above it
 WORLD = "world"  # What simulators call the map; frames right below it are robots, but for ``BODIES``
 BODIES = (*BASES, ODOMETRY, "map")
@@ -37,11 +38,6 @@ class Link(NamedTuple):
     child: str
     stamp: int
     pose: Floats
-
-
-def decoder(schema: str, encoding: str) -> Callable[[Any], dict[str, Any]] | None:
-    """What reads the messages of a topic of transforms; None for any other."""
-    return readers(KIND).get(encoding) if normal_name(schema) in (KIND, "tf/tfMessage") else None
 
 
 def _links(message: dict[str, Any]) -> list[Link]:
@@ -107,28 +103,27 @@ def plan(
     kind differ (``/T00/fix``, ``/T01/fix``), else by a name in front of all of them; ``default`` otherwise
     and ``one`` always, if given. Each vehicle takes its position from one topic, the most absolute one."""
     topics = sorted(set(topics))
-    wanted = [t for t in topics if t.kind is not None]
-    placed = any(t.kind and t.kind.is_position for t in wanted)
-    frames = [] if placed else [t for t in topics if decoder(t.schema, t.encoding)]
+    wanted = {t: kind for t in topics if (kind := t.kind)}
+    placed = any(kind.is_position for kind in wanted.values())
+    moved = [] if placed else [t for t in topics if normal_name(t.schema) in (KIND, OLD_KIND)]
+    frames = {t: read for t in moved if (read := readers(KIND).get(t.encoding))}
     if not placed and not frames:
         what = "no topic in it, so no position"
         if topics:
             what = f"none of its {count(len(topics), 'topic')} carries a position: {listed(topics)}"
         raise DataError(what, where=path, do="record " + " or ".join(list(KINDS)[:3]))
-    naming = [*wanted, *(t for t in frames if not _is_static(t))]
+    naming = [*wanted, *(t for t in frames if not t.name.endswith(STATIC))]
     names = {t.name: one for t in topics} if one else _vehicles(naming, default)
     # Topics of transforms: those of one namespace make one tree of frames.
     roles, trees = dict[str, Role](), defaultdict[str, Transforms](Transforms)
-    for topic in frames:
-        if decode := decoder(topic.schema, topic.encoding):
-            tree = trees[topic.name.rpartition("/")[0]]
-            take = partial(tree.take, decode, static=_is_static(topic), named=not one)
-            roles[topic.name] = Role(names.get(topic.name, default), take, True)
+    for topic, read in frames.items():
+        tree = trees[topic.name.rpartition("/")[0]]
+        take = partial(tree.take, read, static=topic.name.endswith(STATIC), named=not one)
+        roles[topic.name] = Role(names.get(topic.name, default), take, True)
     report.recognised |= dict.fromkeys(roles, "position and heading of base_link, from transforms")
     taken: dict[str, str] = {}
-    for topic in sorted(wanted, key=lambda t: (t.kind.rank if t.kind else 9, t.name)):
-        kind, vehicle = topic.kind, names[topic.name]
-        assert kind is not None
+    for topic, kind in sorted(wanted.items(), key=lambda item: (item[1].rank, item[0].name)):
+        vehicle = names[topic.name]
         if kind.is_position and vehicle in taken:
             why = f"{vehicle} takes its position from {taken[vehicle]}"
             if kind is not KINDS["nav_msgs/Odometry"]:
@@ -141,10 +136,6 @@ def plan(
     if unused := [t for t in topics if t.name not in roles and t not in wanted]:
         report.note(f"{count(len(unused), 'topic')} without position or battery left out: {listed(unused)}")
     return roles
-
-
-def _is_static(topic: Topic) -> bool:
-    return topic.name.endswith("tf_static")
 
 
 def _vehicles(topics: list[Topic], default: str) -> dict[str, str]:

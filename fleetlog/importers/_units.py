@@ -1,13 +1,19 @@
-"""Units of logs and their way to SI; names of columns and what they mean."""
+"""Units of logs and their way to SI; names of columns and their meaning; times in microseconds since 1970."""
 
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
+from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
+from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import DAY, Floats, Ints, Mask
 from fleetlog.core.columns import NAMES
 from fleetlog.errors import InputError, nearest
 
@@ -26,7 +32,8 @@ class Unit:
         if self.name == "compass_deg":
             values = 90.0 - values
         if self.name == "ddmm":
-            return packed_minutes(values)
+            whole = np.trunc(values / 100.0)  # dddmm.mmmm, as NMEA 0183 has it
+            values = whole + (values - 100.0 * whole) / 60.0
         out = values if (self.factor, self.shift) == (1.0, 0.0) else (values + self.shift) * self.factor
         if self.kind == "angle" and self.name != "rad":
             out = np.pi - np.mod(np.pi - out, 2 * np.pi)
@@ -60,12 +67,6 @@ def unit(text: str, column: str, where: str | None = None) -> Unit:
 def si_unit(column: str) -> Unit:
     """The unit that the dataset has for ``column``."""
     return next(u for u in UNITS if (u.kind, u.factor, u.shift) == (KINDS[column], 1.0, 0.0))
-
-
-def packed_minutes(values: Floats) -> Floats:
-    """Degrees of figures packed as ``dddmm.mmmm`` (NMEA 0183)."""
-    whole = np.trunc(values / 100.0)
-    return np.asarray(whole + (values - 100.0 * whole) / 60.0, dtype=np.float64)
 
 
 _BY_SPELLING = {s: name for name, words in _TEXT["columns"].items() for s in [name, *words.split()]}
@@ -127,3 +128,132 @@ def _with_unit(spelling: str, text: str) -> Meaning | None:
         return None  # degrees of the compass or of mathematics: the name does not tell
     unit = find_unit(text, KINDS[column])
     return Meaning(column, unit) if unit else None
+
+
+NONE = np.iinfo(np.int64).min  # A time that could not be read
+MISSING = "the time is missing"
+UNREADABLE = "the time cannot be read"
+OFF_TIME = "the time is outside 1678 to 2262"
+SKIPPED = "a local time that does not exist (the clocks went forward over it)"
+EARLIEST_LOG, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2100 [us]
+
+EARLIEST, LATEST = -9_214_560_000_000_000, 9_223_286_400_000_000
+"""Times that a dataset can hold [us]: 1678-01-01 to 2262-04-11, what nanoseconds in 64 bits can count."""
+OF_DAY = r"^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$"
+_EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
+
+
+@dataclass
+class LocalClock:
+    """Local times of one file to UTC; an hour that comes twice is told apart by the order of the rows.
+    ``last`` is each vehicle's latest UTC time, which shows the second pass over an ambiguous hour."""
+
+    zone: ZoneInfo
+    last: dict[str, int] = field(default_factory=dict)
+    twice: int = 0
+
+    def to_utc(self, local: Ints, vehicle: NDArray[np.object_]) -> Ints:
+        """UTC of local times; ``NONE`` where the clocks never showed such a time."""
+        known = local != NONE
+        stamps = pd.DatetimeIndex(np.where(known, local, 0).astype("datetime64[us]"))
+        zone: Any = self.zone
+        first = _epoch(stamps.tz_localize(zone, ambiguous=np.ones(len(local), bool), nonexistent="NaT"))
+        second = _epoch(stamps.tz_localize(zone, ambiguous=np.zeros(len(local), bool), nonexistent="NaT"))
+        out = np.where(known, first, NONE)
+        for row in np.flatnonzero(known & (first != second)).tolist():
+            # the latest time of the same vehicle before this row
+            begin = max(0, row - 1000)
+            earlier = np.flatnonzero(vehicle[begin:row] == vehicle[row])
+            if out[row] < (out[begin + earlier[-1]] if len(earlier) else self.last.get(vehicle[row], NONE)):
+                out[row] = second[row]
+            self.last[vehicle[row]] = int(out[row])
+            self.twice += 1
+        self.last |= dict(zip(vehicle.tolist(), out.tolist(), strict=True))  # the last one stays
+        return out
+
+
+def _epoch(stamps: Any) -> Ints:
+    """Microseconds of a pandas index of times, with or without a zone; ``NONE`` for NaT."""
+    bare = stamps.tz_convert(None) if stamps.tz is not None else stamps
+    return np.asarray(bare.to_numpy().astype("datetime64[us]").astype(np.int64))
+
+
+def epoch_unit(count: float) -> str | None:
+    """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none does."""
+    return next((unit for unit, us in EPOCH_UNITS.items() if EARLIEST_LOG <= count * us <= _LATEST), None)
+
+
+def from_counts(values: Floats | Ints, unit: str, origin: int = 0) -> Ints:
+    """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or out of reach."""
+    good = np.abs(values.astype(np.float64)) * EPOCH_UNITS[unit] < LATEST - EARLIEST
+    known = np.where(good, values, 0)
+    if values.dtype.kind == "i":
+        time = known.astype(f"timedelta64[{unit}]").astype("timedelta64[us]").astype(np.int64)
+    else:
+        time = np.rint(known * EPOCH_UNITS[unit]).astype(np.int64)
+    return np.where(good, origin + time, NONE)
+
+
+def of_day(cells: pa.Array, style: str) -> Ints:
+    """Microseconds since midnight, in a ``strptime`` format or as hh:mm:ss; ``NONE`` elsewhere."""
+    if style != "of day":
+        return np.where((time := from_format(cells, style)[0]) == NONE, NONE, np.mod(time, DAY))
+    text = pd.Series(cells.to_pandas(), dtype=object)
+    span = pd.to_timedelta(text.where(text.str.match(OF_DAY, na=False)), errors="coerce")
+    time = span.to_numpy().astype("timedelta64[us]").astype(np.int64)
+    return np.where((time >= 0) & (time < DAY), time, NONE)
+
+
+@dataclass
+class Days:
+    """Days of times of day from a given first one; a step back by half a day or more is midnight."""
+
+    first: int
+    last: int = 0
+
+    def dated(self, of_day: Ints) -> Ints:
+        """Times [us] of times of day; ``NONE`` stays."""
+        known = of_day != NONE
+        turns = np.cumsum(np.diff(of_day[known], prepend=self.last) < -DAY // 2)
+        out = of_day.copy()
+        out[known] += self.first + turns * DAY
+        if len(turns):
+            self.first, self.last = self.first + int(turns[-1]) * DAY, int(of_day[known][-1])
+        return out
+
+
+def from_iso(cells: pa.Array) -> tuple[Ints, Mask]:
+    """Times of ISO 8601 cells, and which state no zone; ``NONE`` where null or not ISO 8601."""
+    for kind, bare in ((pa.timestamp("ns", "UTC"), False), (pa.timestamp("ns"), True)):
+        try:
+            time = cells.cast(kind)
+        except pa.ArrowInvalid:
+            continue
+        # Times before 1970 round down like the others.
+        micro = np.asarray(time.cast(pa.int64()).fill_null(0).to_numpy()) // 1000
+        return np.where(np.asarray(cells.is_null()), NONE, micro), np.full(len(cells), bare)
+    text = pd.Series(cells.to_pandas(), dtype=object).str.strip()
+    # The date itself ends in -DD; a zone only counts after a time of day.
+    zoned = text.str.contains(r"(?:[zZ]|[+-]\d\d(?::?\d\d)?)$", na=False) & text.str.contains(":", na=False)
+    found = pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)
+    return _epoch(found), ~np.asarray(zoned)
+
+
+def from_format(cells: pa.Array, style: str) -> tuple[Ints, Mask]:
+    """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where one does not fit."""
+    zoned = "%z" in style or "%Z" in style
+    text = pd.Index(cells.to_pandas(), dtype=object)
+    time = _epoch(pd.to_datetime(text, format=style, errors="coerce", utc=zoned))
+    return time, np.full(len(cells), not zoned)
+
+
+def microseconds(moment: datetime, zone: tzinfo | None = None) -> int:
+    """Microseconds since 1970 UTC; a time that states no zone is taken for one of ``zone``, else for UTC."""
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=zone or UTC)
+    return (moment - _EPOCH) // _MICROSECOND
+
+
+def iso_time(text: str) -> int:
+    """Microseconds since 1970 UTC of an ISO 8601 time; :class:`ValueError` where it is none."""
+    return microseconds(datetime.fromisoformat(text.strip()))

@@ -40,11 +40,13 @@ class Walk(ABC):
     chunk: ClassVar[int]
     inner: ClassVar[frozenset[int]]
     ends: ClassVar[frozenset[int]] = frozenset()
+    tail: ClassVar[bytes] = b""  # As long as ``magic``: what a whole file ends with that has no index
 
     def __init__(self, path: Path, stream: BinaryIO, report: ReadReport) -> None:
         self.stream, self.report = stream, report
         self.size = path.stat().st_size
         self.at = self.count = 0  # Place in the file, and whole messages so far
+        self.schemas: dict[int, str] = {}  # Their names, where channels tell them by number
         self.channels: dict[int, Topic] = {}
         self.chunks: dict[int, int] = {}  # Messages in the chunk at each place, where the index tells them
         self.stated = self.indexed = 0  # Messages of which the index at the end, and those on the way, speak
@@ -66,10 +68,6 @@ class Walk(ABC):
     @abstractmethod
     def _take(self, kind: int, header: Any, data: Any) -> Message | None:
         """The message that a record is; other records are taken note of."""
-
-    def _cut_off(self) -> bool:
-        """Whether the end of a file without an index is missing although every record is whole."""
-        return True
 
     def share(self) -> float:
         """Share of the file that has been read."""
@@ -127,7 +125,8 @@ class Walk(ABC):
 
     def _close(self, expected: int) -> None:
         """Compare what was read with what there should be."""
-        if not self._damages and not self.whole and self._cut_off():
+        self.stream.seek(max(self.size - len(self.magic), 0))
+        if not self._damages and not self.whole and self.stream.read() != self.tail:
             self.say("the end of the file is cut off")
         if self.count < expected:
             missing = expected - self.count
@@ -140,10 +139,7 @@ class Walk(ABC):
     def say(self, text: str) -> None:
         """Report damage; of very much the first."""
         self._damages += 1
-        if self._damages <= DAMAGE_LINES:
-            self.report.damaged(text)
-        elif self._damages == DAMAGE_LINES + 1:
-            self.report.damaged("more damage of this kind")
+        self.report.damaged(text if self._damages <= DAMAGE_LINES else "more damage of this kind")
 
 
 def _why(error: Exception) -> str:

@@ -13,9 +13,8 @@ from pathlib import Path
 from fleetlog import engines
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_table import Block, TableReader, blocks, cells_of, guess_encoding, rows_of
-from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._open import ReadReport, head_of
-from fleetlog.importers._profile import Profile
+from fleetlog.importers._profile import Fields, Profile, fields_of
 from fleetlog.importers._rows import finite
 from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers._units import KINDS, normal
@@ -83,27 +82,14 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
     lines = [line, *islice(every, SAMPLE)]
     delimiter = profile.delimiter or declared or find_delimiter(lines[:20])
     if not (names := list(profile.names)):
-        names = cells_of(lines.pop(0), delimiter)
-        _check_header(names, path, skip + 1)
         skip += 1
-        names = fit_header(names, rows_of(lines, delimiter), report)
+        names = fit_header(cells_of(lines.pop(0), delimiter), rows_of(lines, delimiter), report, skip)
     decimal = profile.decimal or find_decimal(lines[:20], delimiter, report)
     reader = TableReader(lay_out(names, profile, report), delimiter, decimal)
     text = b"".join(block.text.split(b"\n", skip)[skip:])
     block = Block(text, block.first + skip, block.progress, block.report, block.cut)
     reader.decide(block)
     return reader, block
-
-
-def _check_header(names: list[str], path: Path, line: int) -> None:
-    if len(names) < 2:
-        what = f"one column only ({names[0][:60]!r})"
-        do = "state the delimiter in a profile (--profile FILE.toml), or skip_lines where this is no header"
-        raise FormatError(what, where=path, place=f"line {line}", do=do)
-    if sum(finite(name) == finite(name) for name in names) > len(names) // 3:
-        do = 'name the columns in a profile: names = ["vehicle_id", ...]'
-        what = "no header line, the first line holds figures"
-        raise FormatError(what, where=path, place=f"line {line}", do=do)
 
 
 def find_delimiter(lines: list[str]) -> str:
@@ -142,8 +128,16 @@ def unique(names: list[str], report: ReadReport) -> list[str]:
     return out
 
 
-def fit_header(names: list[str], rows: list[list[str]], report: ReadReport) -> list[str]:
-    """The header, a name longer or shorter where most rows have one field more or less than it."""
+def fit_header(names: list[str], rows: list[list[str]], report: ReadReport, line: int) -> list[str]:
+    """The header of a ``line``, a name longer or shorter where most rows have one field more or less."""
+    if len(names) < 2:
+        what = f"one column only ({names[0][:60]!r})"
+        do = "state the delimiter in a profile (--profile FILE.toml), or skip_lines where this is no header"
+        raise FormatError(what, where=report.path, place=f"line {line}", do=do)
+    if sum(finite(name) == finite(name) for name in names) > len(names) // 3:
+        do = 'name the columns in a profile: names = ["vehicle_id", ...]'
+        what = "no header line, the first line holds figures"
+        raise FormatError(what, where=report.path, place=f"line {line}", do=do)
     usual = Counter(len(row) for row in rows).most_common(1)
     fields = usual[0][0] if usual else len(names)
     if fields == len(names) + 1:

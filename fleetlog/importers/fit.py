@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._rows import Records, finite
-from fleetlog.importers._times import microseconds
+from fleetlog.importers._units import microseconds
 from fleetlog.importers.base import Importer
 from fleetlog.registry import extra
 

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.words import count
-from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._open import ReadReport
-from fleetlog.importers._profile import Source
+from fleetlog.importers._profile import Fields, Source, fields_of
 from fleetlog.importers._rows import Records, finite
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer
 

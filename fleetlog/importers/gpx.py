@@ -9,12 +9,11 @@ from typing import Any, ClassVar
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
-from fleetlog.importers._rows import finite, heading_of_course
-from fleetlog.importers._xml import Elements, bare
+from fleetlog.importers._rows import Elements, bare, finite, heading_of_course
 from fleetlog.importers.base import Importer, ReadOptions, holding
 
 _KEPT = {"ele": "z", "hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
-_COURSES = ("course", "bearing")
+_KEPT |= {"course": "heading", "bearing": "heading"}
 _STILL = "left out: no motion"
 
 
@@ -64,12 +63,9 @@ class _Gpx(Elements):
 
 def _known(values: dict[str, Any], name: str, text: str | None) -> bool:
     """Take what every device calls alike."""
-    if name in _KEPT:
-        values[_KEPT[name]] = finite(text)
-        return True
-    if name in _COURSES:
-        values["heading"] = heading_of_course(finite(text))
-    return name in _COURSES
+    if column := _KEPT.get(name):
+        values[column] = heading_of_course(finite(text)) if column == "heading" else finite(text)
+    return column is not None
 
 
 def _extend(values: dict[str, Any], part: Any) -> None:

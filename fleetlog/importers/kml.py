@@ -5,8 +5,7 @@ Lines without times say where, not when: they are left out."""
 from typing import Any, ClassVar
 
 from fleetlog.core.words import count
-from fleetlog.importers._rows import finite
-from fleetlog.importers._xml import Elements, bare
+from fleetlog.importers._rows import Elements, bare, finite
 from fleetlog.importers.base import Importer, holding
 
 

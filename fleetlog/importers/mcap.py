@@ -6,11 +6,9 @@ import struct
 import zlib
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
-from typing import BinaryIO
 
 from fleetlog.importers._messages import Topic
-from fleetlog.importers._open import LIMIT, Damaged, ReadReport, cut, unpack
+from fleetlog.importers._open import LIMIT, Damaged, cut, unpack
 from fleetlog.importers._topics import read_recording
 from fleetlog.importers._walk import Item, Message, Record, Walk
 from fleetlog.importers.base import Importer, holding
@@ -27,15 +25,11 @@ class McapWalk(Walk):
     """An open MCAP file."""
 
     called = "an MCAP file"
-    magic = MAGIC
+    magic = tail = MAGIC
     chunk, inner = CHUNK, frozenset({SCHEMA, CHANNEL, MESSAGE})
     ends = frozenset({FOOTER, DATA_END})
     # From 128 on kinds are those of whoever wrote the file.
     kinds = frozenset({*range(1, 16), *range(128, 256)})
-
-    def __init__(self, path: Path, stream: BinaryIO, report: ReadReport) -> None:
-        super().__init__(path, stream, report)
-        self._schemas: dict[int, str] = {}
 
     def _index(self) -> bool:
         """From the summary, whose checksum is verified where it has one."""
@@ -55,10 +49,6 @@ class McapWalk(Walk):
             self._take(*item)
         return True
 
-    def _cut_off(self) -> bool:
-        self.stream.seek(max(self.size - len(MAGIC), 0))
-        return self.stream.read() != MAGIC
-
     def _next(self) -> Record:
         self.stream.seek(self.at)
         head = self.stream.read(_HEAD.size)
@@ -76,7 +66,14 @@ class McapWalk(Walk):
         return Record(kind, None, data, self.at + _HEAD.size + length)
 
     def _items(self, chunk: Record) -> Iterator[Item]:
-        return records(unpack_chunk(chunk.data))
+        """Unpacked within the size that the chunk states, and checked."""
+        _, _, size, crc = _CHUNK.unpack_from(chunk.data)
+        packing, at = _text(chunk.data, _CHUNK.size)
+        (length,) = _LONG.unpack_from(chunk.data, at)
+        data = unpack(packing, bytes(chunk.data[at + 8 : at + 8 + length]), size)
+        if crc and zlib.crc32(data) != crc:
+            raise Damaged("its checksum is wrong")
+        return records(data)
 
     def _take(self, kind: int, header: None, data: memoryview) -> Message | None:
         if kind == MESSAGE:
@@ -84,12 +81,12 @@ class McapWalk(Walk):
             return number, min((time + 500) // 1000, 1 << 62), data[_MESSAGE.size :]
         if kind == SCHEMA:
             (number,) = struct.unpack_from("<H", data)
-            self._schemas[number], _ = _text(data, 2)
+            self.schemas[number], _ = _text(data, 2)
         elif kind == CHANNEL:
             number, schema = struct.unpack_from("<HH", data)
             topic, at = _text(data, 4)
             encoding, _ = _text(data, at)
-            self.channels[number] = Topic(topic, self._schemas.get(schema, ""), encoding)
+            self.channels[number] = Topic(topic, self.schemas.get(schema, ""), encoding)
         elif kind == MESSAGE_INDEX:
             self.indexed += (len(data) - 6) // 16
         elif kind == CHUNK_INDEX:
@@ -111,17 +108,6 @@ def records(data: bytes) -> Iterator[Item]:
         kind = view[at]
         content, at = cut(view, at + 1, _LONG)
         yield kind, None, content
-
-
-def unpack_chunk(body: memoryview) -> bytes:
-    """The records of a chunk, unpacked within the size that it states, and checked."""
-    _, _, size, crc = _CHUNK.unpack_from(body)
-    packing, at = _text(body, _CHUNK.size)
-    (length,) = struct.unpack_from("<Q", body, at)
-    data = unpack(packing, bytes(body[at + 8 : at + 8 + length]), size)
-    if crc and zlib.crc32(data) != crc:
-        raise Damaged("its checksum is wrong")
-    return data
 
 
 IMPORTER = Importer("mcap", (".mcap",), holding(MAGIC, first=len(MAGIC)), partial(read_recording, McapWalk))

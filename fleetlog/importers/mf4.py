@@ -14,11 +14,10 @@ import numpy as np
 
 from fleetlog.core.trajectory import Values
 from fleetlog.errors import FormatError
-from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._open import refuse_packed
-from fleetlog.importers._profile import Source
+from fleetlog.importers._profile import Fields, Source, fields_of
 from fleetlog.importers._rows import BATCH
-from fleetlog.importers._times import from_counts, microseconds
+from fleetlog.importers._units import from_counts, microseconds
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
 from fleetlog.registry import extra
 

@@ -44,7 +44,6 @@ _SHAPES = {
     "DT": re.compile(r"\d{6}"), "LN": re.compile(r"\d{3,}[0-5]\d\.\d*"),
 }  # fmt: skip
 _PVT = struct.Struct("<4xH6B4xiBBxBii4xi20xii")
-_AIS = ("VDM", "VDO")
 
 
 @dataclass(slots=True)
@@ -211,7 +210,7 @@ class _Nmea(Records):
     def take(self, found: tuple[int, bytes, str | None], _: int) -> None:
         line, frame, fault = found
         kind = kind_of(frame)
-        if kind[0] == "!" or kind[-3:] in _AIS:
+        if kind[0] == "!" or kind[-3:] in ("VDM", "VDO"):
             self.ais += 1
             return
         unchecked = kind[:3] != "UBX" and b"*" not in frame

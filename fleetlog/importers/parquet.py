@@ -13,12 +13,10 @@ import pyarrow.parquet as pq
 from fleetlog.core.arrays import Floats
 from fleetlog.core.trajectory import Labels, own_array
 from fleetlog.errors import FormatError
-from fleetlog.importers._fields import fields_of
 from fleetlog.importers._open import refuse_packed
-from fleetlog.importers._profile import Source
-from fleetlog.importers._rows import renamed
+from fleetlog.importers._profile import Source, fields_of
 from fleetlog.importers._table_rows import TableRows
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding, renamed
 from fleetlog.importers.csv import unique
 
 BATCH = 1 << 17

@@ -54,7 +54,7 @@ class BagWalk(Walk):
     def _next(self) -> Record:
         self.stream.seek(self.at)
         header = _header(self._block())
-        return Record(_kind(header), header, self._block(), self.stream.tell())
+        return Record(int.from_bytes(header[b"op"], "little"), header, self._block(), self.stream.tell())
 
     def _block(self) -> bytes:
         head = self.stream.read(4)
@@ -73,7 +73,7 @@ class BagWalk(Walk):
             head, at = cut(data, at, _LENGTH)
             body, at = cut(data, at, _LENGTH)
             header = _header(head)
-            yield _kind(header), header, body
+            yield int.from_bytes(header[b"op"], "little"), header, body
 
     def _take(self, kind: int, header: Header, data: bytes) -> Message | None:
         if kind == MESSAGE:
@@ -91,10 +91,6 @@ class BagWalk(Walk):
             messages = sum(count for _, count in struct.iter_unpack("<II", data))
             self.chunks[struct.unpack("<Q", header[b"chunk_pos"])[0]] = messages
         return None
-
-
-def _kind(header: Header) -> int:
-    return int.from_bytes(header[b"op"], "little")
 
 
 def _header(data: bytes) -> Header:

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from fleetlog.importers._open import HEAD, head_of
-from fleetlog.importers._rows import finite, heading_of_course
-from fleetlog.importers._times import iso_time
-from fleetlog.importers._xml import Elements
+from fleetlog.importers._rows import Elements, finite, heading_of_course
+from fleetlog.importers._units import iso_time
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, ReadOptions, holding
 
 _EPOCH = re.compile(rb"fleetlog-epoch ([0-9T:.Z+-]{10,40})")

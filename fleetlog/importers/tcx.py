@@ -3,8 +3,7 @@
 from typing import Any, ClassVar
 
 from fleetlog.core.words import count
-from fleetlog.importers._rows import finite
-from fleetlog.importers._xml import Elements, bare
+from fleetlog.importers._rows import Elements, bare, finite
 from fleetlog.importers.base import Importer, holding
 
 _LEAVES = {

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from fleetlog.core.words import count
 from fleetlog.importers._rows import NAN, Records, finite
-from fleetlog.importers._times import iso_time
+from fleetlog.importers._units import iso_time
 from fleetlog.importers.base import LOCAL, Importer, ReadOptions
 
 Message = dict[str, Any]
@@ -76,8 +76,9 @@ class _Vda(Records):
             self.rows.reject(number, "no timestamp in ISO 8601", str(message.get("timestamp")))
             return
         vehicle = self._name(message)
-        if isinstance(message.get("loads"), list):
-            self._payload[vehicle] = _payload(message["loads"])
+        if isinstance(loads := message.get("loads"), list):  # a load without a weight: the sum is unknown
+            total = float(sum(finite(x.get("weight")) if isinstance(x, dict) else NAN for x in loads))
+            self._payload[vehicle] = max(min(total, MOST), -MOST) if total == total else NAN
         if position is not None:
             if any(position.get(name) is False for name in ("positionInitialized", "localized")):
                 self.rows.reject(number, "the vehicle is not localised", position)
@@ -163,12 +164,6 @@ def _facts(message: Message) -> str:
     given = (_first(message, "typeSpecification") or {}) | (_first(message, "physicalParameters") or {})
     known = {k: v for k, v in given.items() if k in _FACTS and isinstance(v, str | int | float)}
     return ", ".join(f"{k} {str(v)[:40]}{_FACTS[k]}" for k, v in known.items())
-
-
-def _payload(loads: list[Any]) -> float:
-    """Sum of the weights [kg]; 0 for an empty list, NaN where a load has no weight."""
-    total = sum(finite(load.get("weight")) if isinstance(load, dict) else NAN for load in loads)
-    return max(min(float(total), MOST), -MOST) if total == total else NAN
 
 
 def _battery(battery: dict[str, Any]) -> dict[str, Any]:

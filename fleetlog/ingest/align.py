@@ -18,7 +18,6 @@ from fleetlog.core.site import MapFrame
 from fleetlog.core.words import percent
 from fleetlog.errors import DataError
 
-Complexes = NDArray[np.complex128]
 LONGEST = 1e6  # A track that is longer by its rows leaps about [m]: its places lie farther apart
 SECTORS = 8  # Directions that are told apart by the correlation
 TURN = np.radians(1.5)  # Step of the rotations that are tried
@@ -180,7 +179,7 @@ def _turned(points: Floats, rotation: float) -> Floats:
     return np.asarray(points @ np.array([[c, s], [-s, c]]))
 
 
-def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float) -> Complexes:
+def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float) -> NDArray[np.complex128]:
     """Fourier transforms of where is road (or driven), by direction; every square counts once."""
     x, y = ((place / cell).astype(np.int64) % side).T
     picture = np.zeros((SECTORS, side, side), np.float32)

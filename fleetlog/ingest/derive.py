@@ -7,7 +7,6 @@ from straight lines fitted to the positions over a short while."""
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.trajectory import Labels, Trajectory
@@ -221,26 +220,22 @@ def fill_positions(rows: Trajectory) -> Trajectory:
     known = np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y"))
     if known.all() or known.sum() < 2:
         return rows
-    fraction, before, after = _between(rows, np.flatnonzero(known))
-    for name in ("x", "y", "z"):
-        values = rows.floats(name)
-        if np.isfinite(values).any():
-            line = values[before] + fraction * (values[after] - values[before])
-            rows = rows.with_columns(**{name: np.where(~known & np.isnan(values), line, values)})
-    return rows
-
-
-def _between(rows: Trajectory, known: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp]]:
-    """Share of the way from the fix before to the fix after (NaN where unknown), and those fixes."""
-    t, speed = rows.seconds(), rows.floats("speed")
-    at = np.arange(len(rows))
-    k = np.clip(np.searchsorted(known, at, side="right") - 1, 0, len(known) - 2)
-    before, after = known[k], known[k + 1]
+    t, speed, at = rows.seconds(), rows.floats("speed"), np.flatnonzero(known)
+    # The fixes before and after each row, and its share of the way from one to the other.
+    row = np.arange(len(rows))
+    k = np.clip(np.searchsorted(at, row, side="right") - 1, 0, len(at) - 2)
+    before, after = at[k], at[k + 1]
     way = np.cumsum(np.nan_to_num(speed) * np.diff(t, prepend=t[:1]))
     blind = np.cumsum(np.isnan(speed).astype(np.int64))
     length, time = way[after] - way[before], t[after] - t[before]
     guided = (blind[after] == blind[before]) & (length > 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         fraction = np.where(guided, (way - way[before]) / length, (t - t[before]) / time)
-    inside = (at > before) & (at < after) & (time <= np.where(guided, FILL_DRIVEN, FILL_BLIND))
-    return np.where(inside, fraction, np.nan), before, after
+    inside = (row > before) & (row < after) & (time <= np.where(guided, FILL_DRIVEN, FILL_BLIND))
+    fraction[~inside] = np.nan
+    for name in ("x", "y", "z"):
+        values = rows.floats(name)
+        if np.isfinite(values).any():
+            line = values[before] + fraction * (values[after] - values[before])
+            rows = rows.with_columns(**{name: np.where(~known & np.isnan(values), line, values)})
+    return rows

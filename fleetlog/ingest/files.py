@@ -3,7 +3,7 @@
 import glob
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,10 @@ import numpy as np
 from fleetlog.core.trajectory import Labels
 from fleetlog.core.words import count
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, DataError, FleetlogError, InputError
-from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile, load_profile
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, by_name, detect, find
-from fleetlog.ingest.summary import FileSummary, ImportSummary
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions, by_name, detect, find, read_guarded
+from fleetlog.ingest.summary import ImportSummary
 from fleetlog.listening import notice
 from fleetlog.store.documents import plain
 from fleetlog.store.output import MARK
@@ -39,13 +38,14 @@ class Log:
         report = ReadReport(self.path, self.importer.name)
         return report, read_guarded(self.importer, self.path, ReadOptions(report, profile))
 
-    def unusable(self, name: str, error: FleetlogError) -> FileSummary:
+    def unusable(self, name: str, error: FleetlogError) -> ReadReport:
         """What is said of a log that could not be read at all."""
         kind = self.importer.name if self.importer else "unknown format"
-        told = [f"nothing is usable: {error.advice}"]
+        report = ReadReport(self.path, kind, file=name)
         # A whole file that holds nothing of a truck's way is not damaged.
-        whole = isinstance(error, DataError)
-        return FileSummary(name, kind, notes=told if whole else [], damage=[] if whole else told)
+        tell = report.note if isinstance(error, DataError) else report.damaged
+        tell(f"nothing is usable: {error.advice}")
+        return report
 
 
 def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Log]:
@@ -99,13 +99,10 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
     whole = find(folder)
     if whole is not None and importer in (None, whole):
         return [Log(folder, whole)]
-    found, other = [], []
-    for path in sorted(_files(folder)):
-        log = _log(path, lambda p: find(p) if p.stat().st_size else None)
-        if log.error or (log.importer is not None and importer in (None, log.importer)):
-            found.append(log)
-        else:
-            other.append(str(path.relative_to(folder)))
+    logs = [_log(path, lambda p: find(p) if p.stat().st_size else None) for path in sorted(_files(folder))]
+    found = [log for log in logs if log.error or (log.importer and importer in (None, log.importer))]
+    taken = {log.path for log in found}
+    other = [str(log.path.relative_to(folder)) for log in logs if log.path not in taken]
     if found and other:
         named = ", ".join(other[:NAMED]) + (" ..." if len(other) > NAMED else "")
         notice(f"{folder}: {count(len(other), 'file')} passed over, not of the format of a log: {named}")
@@ -128,7 +125,7 @@ ROWS = 5
 class Preview:
     """What was found in each log."""
 
-    files: list[FileSummary] = field(default_factory=list)
+    files: list[ReadReport] = field(default_factory=list)
     rows: dict[str, list[dict[str, Any]]] = field(default_factory=dict)  # First rows by file, in SI units
     rejected: dict[str, list[dict[str, Any]]] = field(default_factory=dict)  # And refusals, with reasons
 
@@ -139,7 +136,7 @@ class Preview:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``--json`` prints it."""
-        return asdict(self)
+        return asdict(self) | {"files": [f.to_dict() for f in self.files]}
 
     def lines(self) -> list[str]:
         """For a person: what was recognised, then the rows as a table."""
@@ -172,7 +169,7 @@ def preview(
                 rejected += [r._asdict() for r in batch.rejects[: ROWS - len(rejected)]]
                 if len(rows) >= ROWS:
                     break
-            out.files.append(FileSummary.of(report, name, len(rows)))
+            out.files.append(replace(report, rows=len(rows), file=name))
         except FleetlogError as error:
             errors.append(error)
             out.files.append(log.unusable(name, error))

@@ -16,11 +16,10 @@ from pathlib import Path
 from fleetlog import engines
 from fleetlog.core.site import MapFrame, Site
 from fleetlog.core.words import listed, reasons
-from fleetlog.errors import InputError
+from fleetlog.errors import DataError, InputError
 from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.ingest.clean import sort_rows
 from fleetlog.ingest.files import Log, find_logs, names_of
-from fleetlog.ingest.place import check_matched
 from fleetlog.ingest.reading import READ_SHARE, Read, groups_of, read_group
 from fleetlog.ingest.rows import REJECTED, Slip, gather, windows
 from fleetlog.ingest.stretch import Plan, import_vehicle, load_matcher, probe
@@ -30,6 +29,7 @@ from fleetlog.store.documents import provenance
 from fleetlog.store.writer import DatasetWriter
 
 ROW_COST, ROW_BYTES = 3e-6, 60.0  # Of a row, about: to read it, or match and write it [s]; its length
+NO_ROWS = 0.0005  # A smaller share of rows on roads is shown as 0.0 %
 ALIGN_VEHICLES = 20  # Vehicles whose tracks are fitted to the roads
 UNPLACED = "roads, places, heat maps, density and travel times say nothing of them"
 
@@ -139,7 +139,10 @@ def _write(reads: Sequence[Read], plan: Plan, writer: DatasetWriter, *, align: b
         writer.pieces += outcome.pieces
         writer.columns |= outcome.columns
     complete(summary, outcomes)
-    check_matched(summary.matched, summary.rows, plan.site)
+    if summary.matched is not None and summary.rows and summary.matched < NO_ROWS:
+        do = "check the site's frame and the log's coordinates and units, or import without --site"
+        what = f"0.0 % of the {summary.rows:,} rows are on a road of site {plan.site.name!r}"
+        raise DataError(what, do=do)  # another place, or another frame
     every_reject = [*(r.rejects for r in reads), *(o.rejects for o in outcomes)]
     rejects = gather(every_reject, writer.path, None if writer.old is None else writer.old.path / REJECTED)
     summary.rejected, summary.rejected_values = dict(rejects.rows), dict(rejects.values)

@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.core.arrays import Mask
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame, MapFrame, Site
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.importers.base import GEOGRAPHIC
 
-NO_ROWS = 0.0005  # A smaller share of rows on roads is shown as 0.0 %
 FAR = 3000.0  # A log whose middle lies farther from every road than this is of another place [m]
 
 
@@ -41,24 +39,17 @@ def into_site(rows: Trajectory, frames: Sequence[MapFrame], every: MapFrame | No
     that of the name in a row's ``map_id`` counts, and others stay. ``level`` is the floor of the frame."""
     if "x" not in rows or "y" not in rows:
         return rows
-    if every is not None:
-        return _moved(rows, every, np.ones(len(rows), bool))
     maps = rows.labels("map_id")
-    for frame in frames:
-        if frame.name in maps.names:
-            rows = _moved(rows, frame, maps.codes == maps.names.index(frame.name))
+    named = [(f, maps.codes == maps.names.index(f.name)) for f in frames if f.name in maps.names]
+    for frame, mine in named if every is None else [(every, np.ones(len(rows), bool))]:
+        x, y = frame.to_site(rows.floats("x"), rows.floats("y"))
+        turned = np.remainder(rows.floats("heading") + frame.rotation + np.pi, 2.0 * np.pi) - np.pi
+        new = {n: v for n, v in (("x", x), ("y", y), ("heading", turned)) if n in rows}
+        rows = rows.with_columns(**{n: np.where(mine, v, rows.floats(n)) for n, v in new.items()})
+        if frame.level:
+            levels = zip(mine, rows.labels("level").strings(), strict=True)
+            rows = rows.with_columns(level=Labels.of([frame.level if m else old for m, old in levels]))
     return rows
-
-
-def _moved(rows: Trajectory, frame: MapFrame, mine: Mask) -> Trajectory:
-    x, y = frame.to_site(rows.floats("x"), rows.floats("y"))
-    turned = np.remainder(rows.floats("heading") + frame.rotation + np.pi, 2.0 * np.pi) - np.pi
-    new = {"x": x, "y": y, "heading": turned}
-    moved = rows.with_columns(**{n: np.where(mine, v, rows.floats(n)) for n, v in new.items() if n in rows})
-    if not frame.level:
-        return moved
-    levels = [frame.level if m else old for m, old in zip(mine, rows.labels("level").strings(), strict=True)]
-    return moved.with_columns(level=Labels.of(levels))
 
 
 def check_place(rows: Trajectory, site: Site, sample: Trajectory) -> None:
@@ -97,13 +88,6 @@ def _distance(place: Sequence[Any], network: Network) -> float:
     x, y = map(float, place)
     xmin, ymin, xmax, ymax = network.extent
     return float(np.hypot(max(xmin - x, 0.0, x - xmax), max(ymin - y, 0.0, y - ymax)))
-
-
-def check_matched(share: float | None, rows: int, site: Site) -> None:
-    """:class:`DataError` where next to no row lies on a road: another place, or another frame."""
-    if share is not None and rows and share < NO_ROWS:
-        do = "check the site's frame and the log's coordinates and units, or import without --site"
-        raise DataError(f"0.0 % of the {rows:,} rows are on a road of site {site.name!r}", do=do)
 
 
 def looks_like_degrees(rows: Trajectory) -> bool:

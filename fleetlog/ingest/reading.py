@@ -20,12 +20,10 @@ from fleetlog.core.trajectory import Labels, Trajectory, Values, concatenate
 from fleetlog.errors import FleetlogError
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._rows import renamed
-from fleetlog.importers._times import EARLIEST
-from fleetlog.importers.base import LOCAL, RawBatch
+from fleetlog.importers._units import EARLIEST
+from fleetlog.importers.base import LOCAL, RawBatch, renamed
 from fleetlog.ingest.files import Log
 from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD, Rejects, Slip, Spill
-from fleetlog.ingest.summary import FileSummary
 from fleetlog.listening import progress
 
 _RESERVED = frozenset((*NAMES, "date", *INTERNAL))
@@ -45,7 +43,7 @@ class Read:
     rejects: Rejects
     slips: list[Slip] = field(default_factory=list)
     own: dict[str, bool] = field(default_factory=dict)  # The logs' own columns, and whether each is text
-    files: list[FileSummary] = field(default_factory=list)
+    files: list[ReadReport] = field(default_factory=list)
     positioned: set[str] = field(default_factory=set)  # Vehicles that have a position somewhere
     driven: set[str] = field(default_factory=set)  # Vehicles that have a speed
     errors: list[FleetlogError] = field(default_factory=list)
@@ -82,7 +80,7 @@ def read_group(folder: Path, names: list[str], profile: Profile | None, group: G
                     if good.vehicle_id not in vehicles and np.isfinite(good.floats(name)).any():
                         vehicles.add(good.vehicle_id)
             rows = spill.rows + out.rejects.rows.total() - before
-            out.files.append(FileSummary.of(report, log.path.name, rows))
+            out.files.append(replace(report, rows=rows, file=log.path.name))
         except FleetlogError as error:
             out.errors.append(error)
             out.files.append(log.unusable(log.path.name, error))

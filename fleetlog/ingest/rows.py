@@ -16,7 +16,7 @@ from pyarrow import feather
 from fleetlog.core.arrays import Mask
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Labels, Trajectory, Values, as_labels, concatenate, from_arrow, own_array
-from fleetlog.importers._times import EARLIEST, LATEST
+from fleetlog.importers._units import EARLIEST, LATEST
 from fleetlog.importers.base import Reject
 
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")

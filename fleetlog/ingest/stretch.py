@@ -120,9 +120,8 @@ class VehicleImport:
         cut = len(rows) if last else _cut(trips)
         for name in DERIVED:  # of a column without any value in the log ``derived`` tells
             if rows.has(name):
-                made = (
-                    np.isfinite(full.floats(name)) & np.isnan(rows.floats(name)) & ~(rows.floats(HELD) > 0.0)
-                )
+                lacking = np.isnan(rows.floats(name)) & ~(rows.floats(HELD) > 0.0)
+                made = np.isfinite(full.floats(name)) & lacking
                 self.out.filled[name] += int(made[:cut].sum())
         self._write(full[:cut].with_columns(trip_id=trips[:cut]))
         if not last:

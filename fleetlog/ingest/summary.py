@@ -19,30 +19,23 @@ DERIVED = {
     "heading": "headings come from the positions", "battery_power": "powers are voltage times current",
 }  # fmt: skip
 """Columns of which values that a log does not have are made from others, and how."""
-
-
-@dataclass
-class FileSummary:
-    """What one log gave."""
-
-    file: str
-    format: str
-    rows: int = 0  # Rows read, refused ones among them
-    recognised: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    damage: list[str] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, report: ReadReport, name: str, rows: int) -> "FileSummary":
-        """A log that was read."""
-        return cls(name, report.format, rows, report.recognised, report.notes, report.damage)
+NOTES = {
+    "stuck": "{:,} values of speed, power or current are not taken: their sensor was stuck",
+    "held": "{:,} rows repeat a position while the truck moves: placed between the fixes by the distance "
+    "driven",
+    "pace": "the speed is about {:.2f} times that of the positions, as if it were in {}: check its unit",
+    "other_frame": "{:,} rows have latitude and longitude, and x, y of another frame: these are kept as "
+    "x_log, y_log",
+    "kept": "the edges of {:,} rows are those that the log has",
+}
+"""What a person should know of the sensors, by the counts of an :class:`Outcome`, and of their ``pace``."""
 
 
 @dataclass
 class ImportSummary:
     """Counts add up: ``rows_read = rows + rows_rejected + rows_joined``."""
 
-    files: list[FileSummary] = field(default_factory=list)
+    files: list[ReadReport] = field(default_factory=list)
     vehicles: dict[str, int] = field(default_factory=dict)  # Rows in the dataset by vehicle
     start: str | None = None
     end: str | None = None
@@ -81,7 +74,8 @@ class ImportSummary:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``--json`` prints it."""
-        return {**asdict(self), "rows_rejected": self.rows_rejected, "damaged": self.damaged}
+        files = [f.to_dict() for f in self.files]
+        return {**asdict(self), "files": files, "rows_rejected": self.rows_rejected, "damaged": self.damaged}
 
     def lines(self) -> list[str]:
         """For a person."""
@@ -105,9 +99,9 @@ class ImportSummary:
         return out
 
 
-def _file_lines(files: list[FileSummary]) -> list[str]:
+def _file_lines(files: list[ReadReport]) -> list[str]:
     """Of every file; files that tell the same are told once."""
-    groups: dict[str, list[FileSummary]] = defaultdict(list)
+    groups: dict[str, list[ReadReport]] = defaultdict(list)
     for f in files:
         notes = [n.replace(Path(f.file).stem, "FILE") for n in f.notes]
         groups[repr((f.format, f.recognised, notes, f.damage))].append(f)
@@ -151,34 +145,16 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     paces = [] if "speed" in summary.derived else [p for o in outcomes for p in o.paces]
     filled = sum((o.filled for o in outcomes), Counter[str]())
     summary.filled = dict(sorted((+filled).items()))
-    summary.notes += [
-        f"{n:,} {DERIVED[name]} (unknown in the log, or rejected)" for name, n in summary.filled.items()
-    ]
-    summary.notes += _notes(counts, paces[:MOST_PACES])
+    why = "(unknown in the log, or rejected)"
+    summary.notes += [f"{n:,} {DERIVED[name]} {why}" for name, n in summary.filled.items()]
+    found: dict[str, tuple[Any, ...]] = {kind: (number,) for kind, number in counts.items() if number}
+    if unit := suspect_unit(paces[:MOST_PACES]):
+        found["pace"] = unit[::-1]
+    summary.notes += [text.format(*found[kind]) for kind, text in NOTES.items() if kind in found]
     if turned := [v for o in outcomes for v, power in o.driven_power.items() if power < 0.0]:
         summary.notes.append(wrong_sign(turned))
     if counts["matched"]:
         summary.matched = counts["on_road"] / counts["matched"]
-
-
-def _notes(counts: Counter[str], paces: list[float]) -> list[str]:
-    """What a person should know of the sensors."""
-    out = []
-    if counts["stuck"]:
-        what = "values of speed, power or current are not taken: their sensor was stuck"
-        out.append(f"{counts['stuck']:,} {what}")
-    if counts["held"]:
-        where = "placed between the fixes by the distance driven"
-        out.append(f"{counts['held']:,} rows repeat a position while the truck moves: {where}")
-    if unit := suspect_unit(paces):
-        like = f"{unit[1]:.2f} times that of the positions, as if it were in {unit[0]}"
-        out.append(f"the speed is about {like}: check its unit")
-    if n := counts["other_frame"]:
-        what = "have latitude and longitude, and x, y of another frame: these are kept as x_log, y_log"
-        out.append(f"{n:,} rows {what}")
-    if counts["kept"]:
-        out.append(f"the edges of {counts['kept']:,} rows are those that the log has")
-    return out
 
 
 def added_up(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:

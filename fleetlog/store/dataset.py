@@ -207,28 +207,23 @@ def undamaged(path: Path) -> Iterator[None]:
 def _pieces(
     files: Sequence[Path], vehicle: str, columns: Sequence[str] | None, rows: int | None = None
 ) -> Iterator[Trajectory]:
-    """The rows of some files, file by file or ``rows`` at a time; they must be in the order of time."""
-    before = -(1 << 62)
+    """The rows of some files, file by file or ``rows`` at a time, of ``columns`` those that a file has; they
+    must be in the order of time."""
+    before, asked = -(1 << 62), None if columns is None else dict.fromkeys(["timestamp", *columns])
     for file in files:
         row = 1
-        for piece in _of(file, vehicle, columns, rows):
-            if (late := np.diff(piece.time, prepend=before) <= 0).any():
-                what, do = "a row is not later than the one before it", f"sort by timestamp, or {REMAKE}"
-                raise InputError(what, where=file, place=f"row {row + int(late.argmax())}", do=do)
-            before, row = max(before, *piece.time[-1:].tolist()), row + len(piece)
-            yield piece
-
-
-def _of(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int | None) -> Iterator[Trajectory]:
-    """The rows of one Parquet file, ``rows`` at a time or all at once; of ``columns`` those that it has."""
-    with undamaged(path), path.open("rb") as stream, pq.ParquetFile(stream) as file:
-        have = {*file.schema_arrow.names, "timestamp"}
-        wanted = None if columns is None else [c for c in dict.fromkeys(["timestamp", *columns]) if c in have]
-        if rows is None:
-            yield from_arrow(file.read(columns=wanted), vehicle)
-        else:
-            for batch in file.iter_batches(rows, columns=wanted):
-                yield from_arrow(pa.Table.from_batches([batch]), vehicle)
+        with undamaged(file), file.open("rb") as stream, pq.ParquetFile(stream) as part:
+            have = {*part.schema_arrow.names, "timestamp"}
+            wanted = None if asked is None else [name for name in asked if name in have]
+            batches = () if rows is None else part.iter_batches(rows, columns=wanted)
+            tables = (pa.Table.from_batches([batch]) for batch in batches)
+            for table in [part.read(columns=wanted)] if rows is None else tables:
+                piece = from_arrow(table, vehicle)
+                if (late := np.diff(piece.time, prepend=before) <= 0).any():
+                    what, do = "a row is not later than the one before it", f"sort by timestamp, or {REMAKE}"
+                    raise InputError(what, where=file, place=f"row {row + int(late.argmax())}", do=do)
+                before, row = max(before, *piece.time[-1:].tolist()), row + len(piece)
+                yield piece
 
 
 @contextmanager

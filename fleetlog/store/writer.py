@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 from urllib.parse import quote
@@ -29,6 +28,7 @@ from fleetlog.version import FORMAT_VERSION
 
 Kind = Literal["recorded", "simulated"]
 ROW_GROUP, BATCH = 1 << 17, 1 << 13
+MEASURED = (pa.float64(), pa.timestamp("us", "UTC"))
 REPEATED = {"payload", "fork_height", "ambient_temperature"}  # Numbers that stay the same for many rows
 SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]
 """Columns by which rows are selected: statistics of all columns would cost a fifth of writing."""
@@ -105,7 +105,13 @@ class DatasetWriter:
             return
         pieces = [slice(k * each, (k + 1) * each) for k in range(len(vehicles))]
         for vehicle, piece in zip(vehicles, pieces, strict=True):
-            self._check(replace(rows, vehicle_id=vehicle)[piece])
+            replace(rows, vehicle_id=vehicle)[piece].check()
+            if vehicle == HIVE_NULL:
+                do = "rename it: readers take it for unknown"
+                raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
+            if rows.time[piece.start] <= self._last.get(vehicle, -(1 << 62)):
+                what = f"rows of vehicle {vehicle} are not later than those that are there"
+                raise DataError(what, where=self.path, do="leave out the logs of that time")
         table = to_arrow(rows, part=True)
         for one in table.schema:
             self.columns.setdefault(one.name, (one.metadata or {}).get(b"unit", b"").decode())
@@ -118,24 +124,17 @@ class DatasetWriter:
             self._last[vehicle] = int(time[-1])
         self.pieces.append(trip_pieces(rows, vehicles))
 
-    def _check(self, piece: Trajectory) -> None:
-        piece.check()
-        if (vehicle := piece.vehicle_id) == HIVE_NULL:
-            do = "rename it: readers take it for unknown"
-            raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
-        if piece.time[0] <= self._last.get(vehicle, -(1 << 62)):
-            what = f"rows of vehicle {vehicle} are not later than those that are there"
-            raise DataError(what, where=self.path, do="leave out the logs of that time")
-
     def _write_part(self, vehicle: str, date: str, table: pa.Table) -> None:
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
         number = self._parts[vehicle, date]
         self._parts[vehicle, date] += 1
         folder.mkdir(parents=True, exist_ok=True)
+        # A dictionary of measured numbers, all different, costs more than it saves.
+        repeated = [f.name for f in table.schema if f.name in REPEATED or f.type not in MEASURED]
         with pa.OSFile(str(folder / f"part-{number:05d}.parquet"), "wb") as file:
             pq.write_table(
                 table, file, compression=self.compression, row_group_size=ROW_GROUP,
-                use_dictionary=_repeated(table.schema), column_encoding={"timestamp": "DELTA_BINARY_PACKED"},
+                use_dictionary=repeated, column_encoding={"timestamp": "DELTA_BINARY_PACKED"},
                 write_statistics=SELECTED, write_batch_size=BATCH,
             )  # fmt: skip
 
@@ -179,10 +178,3 @@ def _older(dataset: Dataset) -> Older:
     end = trips.end.max().dt.tz_localize(None).astype("datetime64[us]").astype(np.int64)
     last, following = ({str(v): int(n) for v, n in c.items()} for c in (end, trips.trip_id.max() + 1))
     return Older(last, following, parts)
-
-
-@lru_cache(maxsize=64)
-def _repeated(schema: pa.Schema) -> list[str]:
-    """Columns worth a dictionary: one of measured numbers, all different, costs more than it saves."""
-    measured = ("double", "timestamp[us, tz=UTC]")
-    return [f.name for f in schema if f.name in REPEATED or str(f.type) not in measured]

@@ -145,9 +145,8 @@ def _dataset(path: Path) -> Figures:
 
 
 def _log(path: Path) -> Figures:
-    from fleetlog.importers._guard import read_guarded
     from fleetlog.importers._open import ReadReport
-    from fleetlog.importers.base import GEOGRAPHIC, LOCAL, ReadOptions, detect
+    from fleetlog.importers.base import GEOGRAPHIC, LOCAL, ReadOptions, detect, read_guarded
 
     importer = detect(path)
     report = ReadReport(path, importer.name)

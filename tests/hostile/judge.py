@@ -12,10 +12,9 @@ from fleetlog.analysis.tariff import load_tariff
 from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import load_truck
 from fleetlog.errors import FleetlogError
-from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import load_profile
-from fleetlog.importers.base import Importer, ReadOptions, detect
+from fleetlog.importers.base import Importer, ReadOptions, detect, read_guarded
 from fleetlog.ingest.pipeline import import_logs
 from fleetlog.physics.model import load_physics
 from fleetlog.roads import load_site

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError, InputError
 from fleetlog.importers import _csv_table
-from fleetlog.importers._csv_clock import one_angle
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import Profile, profile_from_dict
-from fleetlog.importers._units import UNITS, find_unit, packed_minutes, recognise
+from fleetlog.importers._table_rows import one_angle
+from fleetlog.importers._units import UNITS, find_unit, recognise
 from fleetlog.importers.base import RawBatch, ReadOptions, detect
 
 HEADER = "vehicle_id,timestamp,x,y,speed\n"
@@ -269,7 +269,8 @@ def test_angles_in_cells(text: str, degrees: float | None) -> None:
 @given(st.floats(-89.9, 89.9))
 def test_packed_minutes_undo_packing(angle: float) -> None:
     whole = np.trunc(angle)
-    assert packed_minutes(np.array([whole * 100 + (angle - whole) * 60]))[0] == pytest.approx(angle, abs=1e-9)
+    packed = find_unit("ddmm", "degrees")
+    assert packed.to_si(np.array([whole * 100 + (angle - whole) * 60]))[0] == pytest.approx(angle, abs=1e-9)
 
 
 def test_packed_minutes_by_profile(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from fleetlog.errors import InputError
 from fleetlog.importers._open import ReadReport
 from fleetlog.importers._profile import load_profile, profile_from_dict
-from fleetlog.importers._times import NONE, LocalClock, epoch_unit, from_counts, from_format, from_iso
+from fleetlog.importers._units import NONE, LocalClock, epoch_unit, from_counts, from_format, from_iso
 from fleetlog.importers.base import ReadOptions
 from fleetlog.importers.csv import read
 
