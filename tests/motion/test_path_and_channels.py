@@ -222,3 +222,20 @@ def test_whether_the_speed_is_a_mean_is_told_however_often_positions_are_repeate
     log = Trajectory("T", row * 50_000, {"x": x, "y": 0.0 * x, "speed": told})
     rows = read_rows(log, None, 1.0)
     assert speed_is_mean(rows, rows.x) == mean
+
+
+@pytest.mark.parametrize("lane, bay, told", [(0.0, 3.0, False), (2.6, 2.6, True), (2.6, 9.0, False)])
+def test_who_keeps_beside_the_line_is_on_the_road_and_who_stands_in_a_bay_is_not(
+    lane: float, bay: float, told: bool
+) -> None:
+    """Lanes of a wide road may be drawn as one line, which nobody drives on."""
+    network = build_network([Edge("e", "a", "b", np.array([[0.0, 0.0, 0.0], [400.0, 0.0, 0.0]]), "e")])
+    way = np.interp(np.arange(260.0), [0, 100, 160, 260], [0, 200, 200, 400])
+    beside = np.where((np.arange(260) > 100) & (np.arange(260) < 160), bay, lane)
+    columns = {
+        "x": way, "y": beside, "lateral_offset": beside, "edge_offset": way, "speed": np.gradient(way),
+        "edge_id": Labels(np.zeros(260, np.int32), network.edge_ids),
+    }  # fmt: skip
+    edge = read_rows(Trajectory("T", seconds(260), columns), network, 1.0).edge
+    assert (edge[:100] == 0).all()
+    assert (edge[105:155] == 0).all() == told

@@ -18,7 +18,9 @@ Codes = NDArray[np.uint8]
 SHORTEST_GAP = 10.0  # A silence of this and of five usual intervals ends a stretch [s]
 STANDING = 0.05  # Below this speed a truck stands [m/s]: the creep and the noise of a speed sensor at rest
 UNSURE_END = 1.5  # Of a standstill that only positions show, at either end left to the smoother [s]
-OFF_LANE = 2.0  # Farther than this from the middle of its road, and than its noise, a truck is beside it [m]
+OFF_LANE = 2.0
+"""Farther than this from the middle of its road [m], than its noise and twice as far as usual, a truck is
+beside it: lanes may be drawn as one line."""
 CORNER = 15.0  # From road to road a truck is off their middles on less than this [m]
 CHANGES = 0.2  # A change of speed from row to row that shows whether it is a mean [m/s]
 LONG = 50.0  # A way over which an odometer and the map are compared [m]
@@ -92,7 +94,9 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
         x, y = (np.interp(driven, driven[fresh], v[fresh]) for v in (x, y))
     edge = trajectory.labels("edge_id").recode({} if network is None else network.index)
     # In a bay beside its road the positions are the path.
-    off = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(OFF_LANE, 4 * position_noise(x, y))
+    beside, moves = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))), ~(speed < STANDING)
+    usual = float(np.median(beside[moves])) if moves.any() else 0.0
+    off = beside > max(OFF_LANE, 4.0 * position_noise(x, y), 2.0 * usual)
     edge = np.where(np.isfinite(offset), edge, -1).astype(np.int32)
     if network is not None:
         off &= ~_cut_corners(edge, off, x, y, breaks | (speed < STANDING), network.reverse)
