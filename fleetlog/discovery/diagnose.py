@@ -82,7 +82,7 @@ def diagnose(
     with closing(engines.current().run(search, [longest], _name, beside)) as results:
         conclude(longest, *results)
     explained = {c.name: explained[c.name] for c in found}
-    for e in [explained[f.channel] for f in faults if f.channel in explained]:
+    for e in [e for f in faults if (e := explained.get(f.channel)) and e.fit.before]:
         # The nominal model knows of no fault of a logger.
         e.fit.before = unseen(channel_of(e.fit.name, logged, base, settings, split), e.before)
     return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, fleet)

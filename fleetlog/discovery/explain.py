@@ -65,12 +65,18 @@ def task(channel: Channel, split: Split, settings: Settings) -> Task:
     return Task(problem, windows, share, problem.sampled(share))
 
 
+def _too_sparse(problem: Problem) -> bool:
+    """Whether a window has less than two rows, between which trucks set off and stop unseen."""
+    channel = problem.channel
+    return channel.by_motion and channel.fleet.step >= problem.settings.window
+
+
 Searched: TypeAlias = tuple[Search, Noise] | None  # Of a channel's sample; None with too few windows
 
 
 def searched(base: Model, only: tuple[str, ...], own: Task) -> Searched:
     """Return what explains the sample of a channel, and its noise."""
-    if own.windows < own.problem.settings.fewest:
+    if own.windows < own.problem.settings.fewest or _too_sparse(own.problem):
         return None
     own.sample.rest = tuple(hypotheses(own.sample.channel, only))
     return search(own.sample, base), own.sample.noise
@@ -82,6 +88,9 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     channel, settings = problem.channel, problem.settings
     if result is None:
         reason = f"only {asked.windows} windows can be used, {settings.fewest} are needed; record more"
+        if _too_sparse(problem):
+            apart = f"rows are {channel.fleet.step:.0f} s apart, and motion between them is not known"
+            reason = f"{apart}; record a row every few seconds"
         fit = ChannelFit(channel.name, channel.metric, None, None, None, reason)
         return Explained(problem, base, base, fit, [], [], {}, {}, False)
     found, sample.noise = result

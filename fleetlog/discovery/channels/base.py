@@ -74,6 +74,7 @@ class Channel(ABC):
     off_height: float = field(default=0.0, init=False)  # Of it, what the heights of a map may be off
     steady: bool = field(default=True, init=False)
     """Whether the model's own error is alike in all trucks and hours."""
+    by_motion: bool = field(default=True, init=False)  # Whether it is predicted from how trucks move
     bends: bool = field(default=True, init=False)  # Whether effects bend it: trucks begin to brake
     by_place: bool = field(default=True, init=False)  # Whether free power (or time) by place can be told
     errors: list[ErrorSource] = field(default_factory=list, init=False)  # What sampling hides

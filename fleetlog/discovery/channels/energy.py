@@ -30,6 +30,7 @@ AROUND, SELDOM = 41, 0.02
 LEAST_SWING = 1.0  # Rows that scatter by less than this [W] are as good as a logger writes them
 MOST_HUNTED = 6  # Roads on which trucks may hunt for their speed in a way of their own
 SILENCE = 0.05  # Of a window, that the log may be silent beside it: half of that is its error
+OFF = 0.1  # Share of the power that is due at rest, below which a truck is switched off
 LEAP = 0.005  # A rise of the charge from row to row that no braking gives
 PLUGGED = 60.0  # Nobody charges for less [s], and noise of the charge is little over so long a standstill
 RIPPLE = ErrorSource("ripple", 2.0)
@@ -54,6 +55,7 @@ class EnergyChannel(Channel):
 
     def __post_init__(self) -> None:
         self.metric = f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
+        self.by_motion = not self.measured
         # Where power is measured, sampling hides nothing and free power by place says nothing.
         self.errors = [] if self.measured else list(ERRORS)
         # Rounding is off by any part of a step alike, and of like trucks by the same.
@@ -85,6 +87,10 @@ class EnergyChannel(Channel):
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
         coarse = (self.charge_step * 3.6 * self.fleet.truck.battery.capacity_wh) ** 2 / 6.0
         e = self.evaluation(block, self.base)
+        if self.name == "battery_power":  # Who stands, and draws next to nothing of what is due, is off
+            due = c.energy(e.power)
+            rounded_up = due > 0.75e-3 * self.power_step * frame.duration
+            whole &= ~(_at_rest(c) & rounded_up & (np.abs(energy) < OFF * due))
         noise = np.full(c.count, coarse)
         if not self.measured:
             assert known is not None
@@ -195,12 +201,14 @@ class EnergyChannel(Channel):
         return np.where(known, energy * unit.windows.duration / np.maximum(seconds, 1e-9) - now, 0.0)
 
     def _seen_lifts(self, c: Cut, seconds: Floats, energy: Floats) -> Mask:
-        """(W,) windows without hydraulics that nothing shows: a log without fork height may have lifts at
-        standstill all the same. Only windows with hardly any, and standstills of the power that is usual
-        around that time, count then; all of them where no standstill has more."""
-        lifting = self.fleet.truck.chassis.rated_load > 0.0 and not self.fleet.has("fork_height")
-        if self.measured or not lifting:
+        """(W,) windows without hydraulics that nothing shows. Without loads those in which forks do not rise.
+        A log without fork height may have lifts at standstill all the same. Only windows with hardly any, and
+        standstills of the power that is usual around that time, count then; all where none has more."""
+        forks, loads = (self.fleet.has(name) for name in ("fork_height", "payload"))
+        if self.measured or not self.fleet.truck.chassis.rated_load or (forks and loads):
             return np.ones(c.count, bool)
+        if forks:  # How much is lifted nothing says
+            return np.asarray(c.energy(np.where(c.motion.lift_speed > 0.0, 1.0, 0.0)) == 0.0)
         share = c.energy(np.where(c.motion.speed <= 0.0, 1e3, 0.0)) / np.maximum(seconds, 1e-6)
         rate = 1e3 * np.nan_to_num(energy) / np.maximum(seconds, 1e-6)
         still = (share > STANDS) & np.isfinite(energy)
@@ -287,9 +295,7 @@ class EnergyChannel(Channel):
         """Return the windows, (W,), in which nothing moves; none of a charge, which is too coarse."""
         if self.name != "battery_power":
             return super().rests(unit)
-        m = unit.own.motion
-        moves = unit.own.energy(np.where((m.speed > 0.0) | (m.lift_speed != 0.0), 1.0, 0.0))
-        return np.asarray(moves == 0.0)
+        return _at_rest(unit.own)
 
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load, pace, time and nominal energy: what makes two windows alike."""
@@ -308,6 +314,12 @@ class EnergyChannel(Channel):
             lift / scale * 2.0, np.nan_to_num(m.ambient_temperature[sample]) / 4.0,
             w.time / self.fleet.span * 3.0, w.vehicle * 3.0,
         ])  # fmt: skip
+
+
+def _at_rest(c: Cut) -> Mask:
+    """(windows,) in which nothing moves."""
+    m = c.motion
+    return np.asarray(c.energy(np.where((m.speed > 0.0) | (m.lift_speed != 0.0), 1.0, 0.0)) == 0.0)
 
 
 def _recorded(c: Cut, channel: str, capacity: float, silence: float) -> Floats:

@@ -25,10 +25,11 @@ def of_fault(fault: Fault, vehicles: Sequence[str]) -> Finding:
     first = term.parameters[0]
     number = interval(first, off.value, off.error, first.neutral)
     errors = Errors(fault.metric, fault.before, fault.after, off.p_value)
-    found = _finding(term, fault.channel, number, errors, None, 1.0 + fault.before)
+    whose = FLEET if off.all_vehicles else Scope(tuple(sorted(off.by_vehicle, key=lambda v: vehicles[v])))
+    scope = words.scope(whose, vehicles)
+    found = _finding(term, fault.channel, number, errors, None, 1.0 + fault.before, scope)
     by_name = {vehicles[v]: float(x) for v, x in off.by_vehicle.items()}
     found.when = {"vehicles": by_name} if len(set(by_name.values())) > 1 else None
-    found.scope["vehicles"] = None if off.all_vehicles else sorted(by_name)
     return found
 
 
@@ -43,7 +44,8 @@ def of_lost(lost: Lost, channel: Channel, errors: Errors) -> Finding:
     lanes = channel.cells(term)
     assert isinstance(lanes, Stretches)
     share = interval(term.parameters[0], lost.share, lost.error, 0.0)
-    return _finding(term, channel.name, share, errors, _where(lost, lanes), lost.share)
+    everyone = words.scope(FLEET, ())
+    return _finding(term, channel.name, share, errors, _where(lost, lanes), lost.share, everyone)
 
 
 def values(lost: Lost) -> Values:
@@ -79,11 +81,12 @@ def of_lasting(evident: Sequence[finding.Lasting], fit: finding.ChannelFit, truc
 
 
 def _finding(
-    term: Term, channel: str, number: Parameter, errors: Errors, where: dict[str, Any] | None, strength: float
-) -> Finding:
-    text, everyone = words.statement(term, [number], where, None), words.scope(FLEET, ())
+    term: Term, channel: str, number: Parameter, errors: Errors, where: dict[str, Any] | None,
+    strength: float, scope: dict[str, Any],
+) -> Finding:  # fmt: skip
+    text = words.statement(term, [number], where, scope)
     return Finding(
-        term.name, channel, text, [], None, list(term.depends_on), where, None, everyone, [number],
+        term.name, channel, text, [], None, list(term.depends_on), where, None, scope, [number],
         errors.evidence([]), errors.fit, strength,
     )  # fmt: skip
 

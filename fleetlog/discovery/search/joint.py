@@ -229,6 +229,8 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     touched = there > 0.0
     if h.placed:
         touched &= size > problem.settings.material * level
+    if not touched.any():
+        return Size(0.0, 0.0)
     gained = float((now.losses - joint.losses).sum())
     if h.knobs:  # Tolerances may say most of a number in its place: what that costs them speaks for it, too
         gained = max(gained, now.score - joint.score + problem.price(h))
