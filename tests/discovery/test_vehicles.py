@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -84,6 +85,43 @@ def test_heights_that_the_log_shows_leave_no_slope_to_find(tmp_path: Path) -> No
     found = power(Seen(day, drifting, flat)).verdict
     assert "grade" not in [f.term for f in found.findings]
     assert {f.term for f in found.findings} & {"viscous_drag", "rolling_resistance", "aerodynamic_drag"}
+
+
+def switched_off(t: Trajectory) -> Trajectory:
+    """A break of half an hour in which rows go on and the battery gives a few watts, as for a clock."""
+    begin = int(np.flatnonzero((t.floats("speed") == 0.0) & (t.seconds() > t.seconds()[0] + 900.0))[0])
+    count, step = 3600, 500_000
+    rows = t[np.concatenate([np.arange(begin), np.full(count, begin), np.arange(begin, len(t))])]
+    time = np.concatenate(
+        [t.time[:begin], t.time[begin] + step * np.arange(count), t.time[begin:] + step * count]
+    )
+    power = rows.floats("battery_power").copy()
+    power[begin + 1 : begin + count - 1] = 8.0
+    return Trajectory(t.vehicle_id, time, {**rows.columns, "battery_power": power})
+
+
+def in_whole_kmh(t: Trajectory) -> Trajectory:
+    return t.with_columns(speed=np.round(3.6 * t.floats("speed")) / 3.6)
+
+
+@pytest.mark.parametrize("change", [switched_off, in_whole_kmh, lambda t: t.without("payload")])
+def test_what_plants_do_to_logs_is_no_physics(
+    tmp_path: Path, change: Callable[[Trajectory], Trajectory]
+) -> None:
+    """Trucks whose key is off between rows that go on, speeds in whole km/h, lifts of loads that nobody wrote."""
+    day = driven(tmp_path, "site.toml", {})
+    found = diagnose(Seen(day, change, day.site), TRUCK).verdict  # type: ignore[arg-type]
+    assert [f.term for f in found.findings if f.term != "congestion"] == []
+    assert found.word != "unknown"
+
+
+def test_rows_farther_apart_than_a_window_say_nothing_of_motion(tmp_path: Path) -> None:
+    day = driven(tmp_path, "site.toml", {"auxiliary_load": {"power": 1500.0}})
+    found = diagnose(Seen(day, lambda t: t[::30], day.site), TRUCK).verdict  # type: ignore[arg-type]
+    told = {c.name: c.reason for c in found.channels}
+    assert told["battery_power"] == told["speed"]
+    assert "15 s apart" in (told["battery_power"] or "")
+    assert not [f for f in found.findings if f.channel != "soc"]
 
 
 @pytest.mark.parametrize("off, word", [(0.015, "none"), (0.05, "unknown"), (0.15, "found")])

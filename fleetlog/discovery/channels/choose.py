@@ -11,7 +11,7 @@ from fleetlog.discovery.channels.energy import EnergyChannel
 from fleetlog.discovery.channels.travel import TravelChannel
 from fleetlog.discovery.hypotheses.cells import Cells, make_squares, make_stretches
 from fleetlog.discovery.model import Model
-from fleetlog.discovery.recording.day import pooled
+from fleetlog.discovery.recording.day import pooled, step_of
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import Split
 from fleetlog.discovery.settings import Settings
@@ -21,7 +21,6 @@ QUANTA = 8.0
 """Steps in a window of a stepped state of charge on average: its error is then a twentieth of its energy."""
 WIDEST = 600.0  # Of a window [s]: a stretch of road is no longer seen in a wider one
 ROWS = 3.0  # Rows in a window at least
-SHARED = 0.05  # Levels of a power in steps, by row: twenty rows have a value in common on average
 ENOUGH = 4.0  # Times the fewest windows that a channel is judged by
 
 
@@ -40,7 +39,7 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     steps = [d.charge_step for d in fleet.days if d.charge_step > 0.0]
     step = float(np.median(steps)) if name == "soc" and steps else 0.0  # In which the charge is logged
     window = _window(fleet, name, settings, step)
-    coarse = _power_step(fleet) if name == "battery_power" else 0.0
+    coarse = step_of(fleet.days, "battery_power") if name == "battery_power" else 0.0
     channel = EnergyChannel(name, fleet, base, split, window, _cells(fleet), measured, step, coarse)
     hidden = channel.settle(settings, final=False)
     if measured and hidden**2 > DILUTED:
@@ -66,10 +65,3 @@ def _window(fleet: Fleet, channel: str, settings: Settings, step: float) -> floa
         used = sum(d.charge_used for d in fleet.days)
         wide = max(wide, QUANTA * step * fleet.seconds / max(used, 1e-9))
     return float(min(wide, WIDEST))
-
-
-def _power_step(fleet: Fleet) -> float:
-    """The step in which power is logged [W]; 0 where hardly any two rows have a value in common."""
-    watts = np.round(pooled(fleet.days, "battery_power"), 1)
-    levels = np.unique(watts[np.isfinite(watts)])
-    return float(np.diff(levels).min()) if 1 < len(levels) < SHARED * len(watts) else 0.0

@@ -12,6 +12,7 @@ from fleetlog.physics.motion.rows import updates
 
 SELDOM, SEVERAL = 5.0, 2.5
 """Seconds and rows between updates of positions from which on these are too few to hold a speed against."""
+SHARED = 0.05  # Levels of values in steps, by row: twenty rows have one in common on average
 FEWEST, REGULAR = 50, 0.8  # Runs of equal power that say how long values are held; share alike of them
 DAY = 86_400_000_000  # Microseconds
 FEW = ("x", "y", "speed", "battery_power")  # Columns of the rows that stand for all
@@ -90,3 +91,10 @@ def renewed(values: Floats) -> Mask:
 def pooled(days: list[Day], column: str) -> Floats:
     """Return a column of the rows that stand for all."""
     return np.concatenate([d.few.floats(column) for d in days])
+
+
+def step_of(days: list[Day], column: str) -> float:
+    """Return the step in which a column is logged; 0 where hardly any two rows have a value in common."""
+    values = np.round(pooled(days, column), 3)
+    levels = np.unique(values[np.isfinite(values)])
+    return float(np.diff(levels).min()) if 1 < len(levels) < SHARED * len(values) else 0.0

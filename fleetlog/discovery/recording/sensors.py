@@ -18,6 +18,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.recording.blocks import TRIP, Block
+from fleetlog.discovery.recording.day import pooled, step_of
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.physics.motion.rows import elsewhere, metres_driven, updates
@@ -40,6 +41,7 @@ INTERVALS = np.linspace(0.85, 1.15, 13)
 """Intervals of a mean that are tried, over twice the shift that fits best; and shifts, over that."""
 SHIFTS = np.linspace(-3.0, 3.0, 25)  # Of the speed channel against positions that are tried [s]
 LATE = 0.3  # Least shift that counts [s], as of the clock of the power
+COARSE = 0.01  # Share of the speed that its step may hide where shifts are told
 DENSE = 2.0  # Step of rows [s] up to which they tell of shifts: trucks start and brake within seconds
 LOOKED_AT = 2  # Days of a vehicle whose clock is looked at: twelve pieces tell how late it is
 PIECE = 200  # Rows of a piece whose clock is looked at by itself
@@ -251,12 +253,16 @@ def _speed(fleet: Fleet, split: Split, term: Term) -> tuple[dict[int, float], Fa
     ways: dict[int, list[Floats]] = {}
     for vehicle, way in itertools.chain.from_iterable(fleet.each(partial(_ways, fleet, split))):
         ways.setdefault(vehicle, []).append(way)
-    least = LATE * max(1.0, 1.5 * fleet.step) if fleet.step <= DENSE else math.inf
+    # A speed in whole km/h is off by as much all the time that a truck keeps to one speed.
+    moving = (speeds := pooled(fleet.days, "speed"))[speeds > STANDING_SPEED]
+    coarse = step_of(fleet.days, "speed") / math.sqrt(12.0) / float(np.median(moving)) if len(moving) else 0.0
+    told = fleet.step <= DENSE and coarse < COARSE
+    least = LATE * max(1.0, 1.5 * fleet.step) if told else math.inf
     found = {v: _ratio(np.array(w), least) for v, w in ways.items() if len(w) >= FEWEST}
     late = {v: -shift for v, (_, _, _, shift) in found.items() if shift}
     # How trucks drive between rows is alike in all of them, and so is what the integral misses of it.
     missed = float(np.sqrt(np.mean([m**2 for _, _, m, _ in found.values()]))) if found else 0.0
-    errors = {v: (ratio, float(np.hypot(error, missed))) for v, (ratio, error, _, _) in found.items()}
+    errors = {v: (ratio, math.hypot(error, missed, coarse)) for v, (ratio, error, _, _) in found.items()}
     if (off := _off(errors, 1.0, 1.5 * term.parameters[0].tolerance)) is None:
         return late, None
     metric = "deviation of travelled distance"
