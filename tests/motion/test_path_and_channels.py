@@ -239,3 +239,21 @@ def test_who_keeps_beside_the_line_is_on_the_road_and_who_stands_in_a_bay_is_not
     edge = read_rows(Trajectory("T", seconds(260), columns), network, 1.0).edge
     assert (edge[:100] == 0).all()
     assert (edge[105:155] == 0).all() == told
+
+
+def test_a_hall_without_positions_is_on_no_road() -> None:
+    """A truck drives in by a road, about in the hall for a minute, where the log has its speed alone, and out."""
+    line = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]])
+    network = build_network([Edge("e", "a", "b", line, "e"), Edge("-e", "b", "a", line[::-1].copy(), "e")])
+    t = np.arange(160.0)
+    inside = (t >= 50.0) & (t < 110.0)
+    x = np.where(inside, np.nan, np.where(t < 50.0, 2.0 * t, 100.0 - 2.0 * (t - 110.0)))
+    columns = {
+        "x": x, "y": 0.0 * x, "speed": np.full(160, 2.0), "edge_offset": np.where(t < 50.0, x, 100.0 - x),
+        "edge_id": Labels(np.where(inside, -1, (t >= 110.0).astype(int)).astype(np.int32), network.edge_ids),
+    }  # fmt: skip
+    found = reconstruct(Trajectory("T", seconds(160), columns), network)
+    motion, hall = found.motion, inside[found.row]
+    assert (motion.edge[hall] < 0).mean() > 0.95
+    for edge in (0, 1):
+        assert motion.dt[motion.edge == edge].sum() == pytest.approx(50.0, abs=2.0)

@@ -12,7 +12,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
 from fleetlog.core.network import Network
 from fleetlog.physics.motion.noise import Noise, Observed, estimate_noise, smooth
-from fleetlog.physics.motion.rows import Codes, Rows
+from fleetlog.physics.motion.rows import Codes, Rows, metres_driven
 
 RADIUS = 2.5  # Of a corner [m], where no truck says otherwise
 BOW = 0.1  # A gentle kink is rounded as widely as the curve stays this close to the corner [m]
@@ -176,6 +176,9 @@ def follow(network: Network | None, rows: Rows, track: Track | None, radius: flo
     edge, offset, x, y = rows.edge, rows.offset, rows.x, rows.y
     off, link = edge < 0, rows.link.copy()
     step = np.zeros(len(x)) if track is None else np.diff(track.way, prepend=track.way[:1])
+    # Where positions miss, as in a hall, the speed says how far it went there, and the map nothing.
+    driven = np.diff(metres_driven(rows.t, rows.speed), prepend=0.0)
+    step = np.where(off & ~rows.fresh & np.isfinite(rows.speed), np.maximum(driven, step), step)
     visits, bends, place, ahead = OFF_MAP, STRAIGHT, np.cumsum(step), np.zeros(len(x))
     if network is not None:
         left = (np.diff(edge) != 0) | (np.abs(np.diff(offset)) > BACK)
