@@ -18,6 +18,7 @@ MAX_REACH = 30.0
 MOVED = 0.3  # A step that the speed claims and the position denies [m]
 HELD_SHARE = 0.2  # Fewer repeats among the moving rows are chance, not a slow receiver
 FILL_DRIVEN, FILL_BLIND = 60.0, 5.0  # Longest stretch that is filled [s]: with a known speed, without
+DETOUR, MOST_BESIDE = 1.5, 5.0  # Nor is a way that is so many times its chord and metres longer
 HALF_WINDOW = 1.0
 """A line is fitted over this time before and after a row [s], or over two neighbours on each side within
 ``WIDEST`` if that is more; over the nearest neighbours at least."""
@@ -208,9 +209,12 @@ def release_held(rows: Trajectory) -> Trajectory:
     x, y = rows.floats("x"), rows.floats("y")
     t = rows.seconds()
     moved = np.nan_to_num(rows.floats("speed")) * np.diff(t, prepend=t[:1]) > MOVED
-    held = moved & (np.diff(x, prepend=np.nan) == 0) & (np.diff(y, prepend=np.nan) == 0)
-    if not held.any() or held.sum() < HELD_SHARE * moved.sum():
+    same, row = (np.diff(x, prepend=np.nan) == 0) & (np.diff(y, prepend=np.nan) == 0), np.arange(len(t))
+    if not (moved & same).any() or (moved & same).sum() < HELD_SHARE * moved.sum():
         return rows
+    # Once it has moved, where it stands is not known either.
+    last, begin = (np.maximum.accumulate(np.where(which, row, 0)) for which in (moved & same, ~same))
+    held = same & (last > begin)
     rows = set_unknown(rows, held, *(name for name in ("x", "y", "z") if name in rows))
     return rows.with_columns(**{HELD: np.nan_to_num(rows.floats(HELD)) + held})
 
@@ -231,7 +235,9 @@ def fill_positions(rows: Trajectory) -> Trajectory:
     guided = (blind[after] == blind[before]) & (length > 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         fraction = np.where(guided, (way - way[before]) / length, (t - t[before]) / time)
-    inside = (row > before) & (row < after) & (time <= np.where(guided, FILL_DRIVEN, FILL_BLIND))
+    chord = np.hypot(*(v[after] - v[before] for v in (rows.floats("x"), rows.floats("y"))))
+    straight = ~guided | (length <= DETOUR * chord + MOST_BESIDE)
+    inside = (row > before) & (row < after) & (time <= np.where(guided, FILL_DRIVEN, FILL_BLIND)) & straight
     fraction[~inside] = np.nan
     for name in ("x", "y", "z"):
         values = rows.floats(name)

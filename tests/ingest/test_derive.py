@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.ingest.derive import derive_motion, derive_power, fitted_motion, pace_ratio, suspect_unit
+from fleetlog.ingest.derive import (
+    derive_motion,
+    derive_power,
+    fill_positions,
+    fitted_motion,
+    pace_ratio,
+    release_held,
+    suspect_unit,
+)
 from fleetlog.store.trips import trip_ids
 
 
@@ -111,3 +119,15 @@ def test_a_speed_in_another_unit_is_noticed(factor: float, unit: str | None) -> 
     assert ratio == pytest.approx(factor, rel=0.05)
     found = suspect_unit([ratio])
     assert (found[0] if found else None) == unit
+
+
+def test_positions_that_freeze_while_the_truck_moves_are_unknown_until_they_change() -> None:
+    """Into a hall, where the receiver repeats its last fix, a stop there, and out by the same gate."""
+    t = np.arange(0.0, 200.0)
+    inside = (t > 60.0) & (t < 140.0)
+    speed = np.where((t > 90.0) & (t < 110.0), 0.0, 2.0)
+    x = np.where(inside, 120.0, np.where(t <= 60.0, 2.0 * t, 400.0 - 2.0 * t))
+    rows = Trajectory("T", (t * 1e6).astype(np.int64), {"x": x, "y": 0.0 * t, "speed": speed})
+    found = fill_positions(release_held(rows))
+    assert np.isnan(found.floats("x")[62:139]).all()
+    assert np.isfinite(found.floats("x")[(t <= 60.0) | (t > 140.0)]).all()
