@@ -46,23 +46,15 @@ class Explained:
     strain: float = 0.0  # Share by which tolerances move the model together, more than by chance
 
 
-@dataclass
 class Task:
     """A channel to explain: the ``problem``, ``windows`` that may be looked at, and a ``sample``, of a
     ``share`` of their trips, on which hypotheses are compared; what is found is fitted to all."""
 
-    problem: Problem
-    windows: int
-    share: float
-    sample: Problem
-
-
-def task(channel: Channel, split: Split, settings: Settings) -> Task:
-    """Return what there is to explain of a channel."""
-    problem = Problem(channel, split, settings, ())
-    windows = sum(channel.each(problem.count))
-    share = settings.sample / max(windows, 1)
-    return Task(problem, windows, share, problem.sampled(share))
+    def __init__(self, channel: Channel, split: Split, settings: Settings) -> None:
+        self.problem = Problem(channel, split, settings, ())
+        self.windows = sum(channel.each(self.problem.count))
+        self.share = settings.sample / max(self.windows, 1)
+        self.sample = self.problem.sampled(self.share)
 
 
 Searched: TypeAlias = tuple[Search, Noise] | None  # Of a channel's sample; None with too few windows
