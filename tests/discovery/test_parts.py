@@ -537,7 +537,7 @@ def test_a_field_beside_junctions_alone_is_none(
     term: str, large: dict[int, float], size: float, beside: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of five cells of 8 m some stand out; waits often are where roads meet."""
-    monkeypatch.setattr(forward, "size_of", lambda *_: SimpleNamespace(verified=size))
+    monkeypatch.setattr(finish, "size_of", lambda *_: SimpleNamespace(verified=size))
     stretches = make_stretches(network())
     deviation = np.full(len(stretches), 0.003)
     deviation[list(large)] = list(large.values())
@@ -547,7 +547,7 @@ def test_a_field_beside_junctions_alone_is_none(
         chosen=[Hypothesis(term, field=True)], model=SimpleNamespace(fields={term: deviation})
     ))  # fmt: skip
     problem = cast(Problem, SimpleNamespace(channel=channel))
-    assert forward._at_junctions(problem, joint, joint) is beside
+    assert finish.at_junctions(problem, joint, joint) is beside
 
 
 def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_noise(
