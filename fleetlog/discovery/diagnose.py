@@ -11,7 +11,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import percent
 from fleetlog.discovery.channels.base import Channel, lay_out
 from fleetlog.discovery.channels.choose import CHANNELS, ROWS, channel_of, present
-from fleetlog.discovery.explain import Explained, Searched, Task, explain, searched, task, unseen
+from fleetlog.discovery.explain import Explained, Searched, Task, explain, searched, unseen
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import COLUMNS, Fleet, absences, read_fleet
 from fleetlog.discovery.recording.sensors import Fault, examine
@@ -74,10 +74,10 @@ def diagnose(
         own.sample.channel.put_back()
 
     def alone(channel: Channel) -> None:
-        conclude(own := task(channel, split, settings), search(own))
+        conclude(own := Task(channel, split, settings), search(own))
 
     # The longest search is a worker's; all about the other channels is done beside it.
-    longest = task(found[0], split, settings)
+    longest = Task(found[0], split, settings)
     beside = [partial(alone, channel) for channel in found[:0:-1]]
     with closing(engines.current().run(search, [longest], _name, beside)) as results:
         conclude(longest, *results)

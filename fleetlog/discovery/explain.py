@@ -46,27 +46,19 @@ class Explained:
     strain: float = 0.0  # Share by which tolerances move the model together, more than by chance
 
 
-@dataclass
 class Task:
     """A channel to explain: the ``problem``, ``windows`` that may be looked at, and a ``sample``, of a
     ``share`` of their trips, on which hypotheses are compared; what is found is fitted to all."""
 
-    problem: Problem
-    windows: int
-    share: float
-    sample: Problem
-
-
-def task(channel: Channel, split: Split, settings: Settings) -> Task:
-    """Return what there is to explain of a channel."""
-    problem = Problem(channel, split, settings, ())
-    windows = sum(channel.each(problem.count))
-    share = settings.sample / max(windows, 1)
-    return Task(problem, windows, share, problem.sampled(share))
+    def __init__(self, channel: Channel, split: Split, settings: Settings) -> None:
+        self.problem = Problem(channel, split, settings, ())
+        self.windows = sum(channel.each(self.problem.count))
+        self.share = settings.sample / max(self.windows, 1)
+        self.sample = self.problem.sampled(self.share)
 
 
 def _too_sparse(problem: Problem) -> bool:
-    """Whether a window has less than two rows, between which trucks set off and stop unseen."""
+    """Whether rows are as far apart as a window is to be: between them trucks set off and stop unseen."""
     channel = problem.channel
     return channel.by_motion and channel.fleet.step >= problem.settings.window
 

@@ -29,7 +29,7 @@ def drive(
 
 def flags(*routes: Route) -> list[np.ndarray]:
     """Where each was hindered."""
-    return [f for f, _ in hindered(routes, [np.full(len(r.of), SPEED) for r in routes], TRUCK)]
+    return [f for f, _ in hindered(routes, [np.full(r.size.sum(), SPEED) for r in routes], TRUCK)]
 
 
 def test_a_truck_alone_is_never_hindered() -> None:

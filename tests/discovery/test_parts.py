@@ -30,7 +30,7 @@ from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern, _numbe
 from fleetlog.discovery.hypotheses.sources import FreeCurve, Layout
 from fleetlog.discovery.model import FLEET, Knob, Model, Scope
 from fleetlog.discovery.recording.blocks import block, cut
-from fleetlog.discovery.recording.day import day_of
+from fleetlog.discovery.recording.day import Day
 from fleetlog.discovery.recording.fleet import Fleet, read_fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
@@ -138,7 +138,7 @@ def fleet(shift: float = 0.0) -> Fleet:
     for k in range(2):
         track = drive(1200, k)
         late = rows_late(track.seconds(), drive(12000, k, 0.1), shift)
-        days.append(day_of(k, track.with_columns(battery_power=late)))
+        days.append(Day(k, track.with_columns(battery_power=late)))
     return Fleet(days, ("a", "b"), None, TRUCK, {}, {})
 
 
@@ -182,7 +182,7 @@ def test_a_late_clock_is_no_mean_where_rows_are_seconds_apart() -> None:
         b = block(fine, 0, None, TRUCK)
         fine = fine.with_columns(battery_power=b.rows(battery_power(b.motion, Physics(TRUCK))))
         rows = fine[::50]
-        days.append(day_of(k, rows.with_columns(battery_power=rows_late(rows.seconds(), fine, 3.1))))
+        days.append(Day(k, rows.with_columns(battery_power=rows_late(rows.seconds(), fine, 3.1))))
     (fault,) = faults(Fleet(days, ("a", "b"), None, TRUCK, {}, {}))
     assert fault.term == "clock_offset"
     assert fault.off.value == pytest.approx(3.1, abs=0.4)
@@ -204,7 +204,7 @@ def test_noise_of_a_speed_at_rest_is_no_scale() -> None:
     x = np.cumsum(true) + rng.normal(0.0, 0.01, len(t))
     speed = np.abs(true + rng.normal(0.0, 0.08, len(t)))
     columns = {"x": x, "y": np.zeros(len(t)), "speed": speed}
-    days = [day_of(0, Trajectory("T", (t * 1e6).astype(np.int64), columns))]
+    days = [Day(0, Trajectory("T", (t * 1e6).astype(np.int64), columns))]
     assert faults(Fleet(days, ("a",), None, TRUCK, {}, {})) == []
 
 
@@ -274,7 +274,7 @@ def test_what_a_road_does_not_follow_widens_no_interval() -> None:
 
 def test_without_positions_nothing_that_follows_the_heading_is_offered() -> None:
     def terms(track: Trajectory) -> tuple[set[str], set[str]]:
-        fleet = Fleet([day_of(0, track)], ("T",), None, TRUCK, {}, {})
+        fleet = Fleet([Day(0, track)], ("T",), None, TRUCK, {}, {})
         split = make_split("trips", fleet.trips, fleet.seconds, [0], list(fleet.dates), 5, 0.2, 0)
         channel = channel_of("battery_power", fleet, Model(TRUCK), SETTINGS, split)
         curves = {v for c in channel.curves() for v in c.variables}
@@ -537,7 +537,7 @@ def test_a_field_beside_junctions_alone_is_none(
     term: str, large: dict[int, float], size: float, beside: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of five cells of 8 m some stand out; waits often are where roads meet."""
-    monkeypatch.setattr(forward, "size_of", lambda *_: SimpleNamespace(verified=size))
+    monkeypatch.setattr(finish, "size_of", lambda *_: SimpleNamespace(verified=size))
     stretches = make_stretches(network())
     deviation = np.full(len(stretches), 0.003)
     deviation[list(large)] = list(large.values())
@@ -547,7 +547,7 @@ def test_a_field_beside_junctions_alone_is_none(
         chosen=[Hypothesis(term, field=True)], model=SimpleNamespace(fields={term: deviation})
     ))  # fmt: skip
     problem = cast(Problem, SimpleNamespace(channel=channel))
-    assert forward._at_junctions(problem, joint, joint) is beside
+    assert finish.at_junctions(problem, joint, joint) is beside
 
 
 def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_noise(

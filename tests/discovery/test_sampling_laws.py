@@ -15,7 +15,7 @@ from fleetlog.discovery.channels.choose import channel_of
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Windows, block, merged
-from fleetlog.discovery.recording.day import day_of, held
+from fleetlog.discovery.recording.day import Day, held
 from fleetlog.discovery.recording.fleet import Fleet, read_fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
@@ -101,7 +101,7 @@ def test_the_models_own_error_grows_as_rows_become_rarer(simulated: Path) -> Non
     split = make_split("trips", fleet.trips, fleet.seconds, [0, 1, 2], [0], 10, 0.2, 0)
     base, errors = Model(TRUCK), []
     for every in (1, 2, 5):
-        rarer = replace(fleet, days=[day_of(d.vehicle, d.load()[::every]) for d in fleet.days])
+        rarer = replace(fleet, days=[Day(d.vehicle, d.load()[::every]) for d in fleet.days])
         errors.append(channel_of("battery_power", rarer, base, SETTINGS, split).model_error)
     assert errors[0] < 0.04
     assert errors[0] <= errors[1] < errors[2]
@@ -149,7 +149,7 @@ def repeated(dataset: Dataset, rows: int, mean: bool = False) -> Fleet:
             total = np.concatenate([[0.0], np.cumsum(power)])
             power = (total[first + 1] - total[np.maximum(first + 1 - rows, 0)]) / rows
         told = trajectory.with_columns(battery_power=power if mean else power[first])
-        days.append(day_of(day.vehicle, told))
+        days.append(Day(day.vehicle, told))
     held = {d.vehicle: d.held for d in days if d.held}
     return replace(read_fleet(dataset, TRUCK), days=days, held=held)
 

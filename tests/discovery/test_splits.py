@@ -7,7 +7,7 @@ import pytest
 
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.recording.blocks import Windows
-from fleetlog.discovery.recording.day import day_of
+from fleetlog.discovery.recording.day import Day
 from fleetlog.discovery.recording.splits import HELD_OUT, make_split, passed_once, trips_apart
 
 
@@ -70,14 +70,14 @@ def driven(laps: int, trips: int = 1, placed: bool = True) -> Trajectory:
 
 
 def test_pieces_are_short_where_every_place_is_passed_once() -> None:
-    assert passed_once([day_of(0, driven(1))], 10.0)
-    assert not passed_once([day_of(0, driven(3))], 10.0)
-    assert not passed_once([day_of(0, driven(3, placed=False))], 10.0)
+    assert passed_once([Day(0, driven(1))], 10.0)
+    assert not passed_once([Day(0, driven(3))], 10.0)
+    assert not passed_once([Day(0, driven(3, placed=False))], 10.0)
     once = make_split("trips", 40, 4000.0, [0], [0], 10, 0.2, 0, window=15.0, once=True)
     assert (once.kind, once.length) == ("stretches", 45.0)
 
 
 def test_trips_are_apart_only_where_nothing_says_where_they_went() -> None:
-    assert len(trips_apart([day_of(0, driven(2, 10, placed=False))])) == 10
-    assert trips_apart([day_of(0, driven(2, 10))]) == ()
-    assert trips_apart([day_of(0, driven(2, 50, placed=False))]) == ()
+    assert len(trips_apart([Day(0, driven(2, 10, placed=False))])) == 10
+    assert trips_apart([Day(0, driven(2, 10))]) == ()
+    assert trips_apart([Day(0, driven(2, 50, placed=False))]) == ()

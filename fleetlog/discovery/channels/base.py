@@ -24,6 +24,7 @@ from fleetlog.physics.term import Term
 Columns = NDArray[np.float32]
 R = TypeVar("R")
 
+MAKERS = dict(zip(get_args(Source), ("_knob", "_field", "_curve", "_error"), strict=True))
 SAMPLE = "sample"  # Group of what is drawn from all dates
 CODES = ("vehicle_id", "day", "trip_id", "heading")
 """Variables without knots: codes, and an angle, which goes round."""
@@ -124,7 +125,10 @@ class Channel(ABC):
             yield work(self._sample())
             return
         self.prepare()
-        yield from self.fleet.each(partial(_of_date, self, work))
+        yield from self.fleet.each(partial(self._on, work))
+
+    def _on(self, work: Callable[[Iterable[Unit]], R], date: int) -> R:
+        return work(self.of(date))
 
     @abstractmethod
     def about(self, own: Any, model: Model) -> "About":
@@ -199,28 +203,20 @@ class Channel(ABC):
                 if use.any():
                     by_vehicle.setdefault(int(unit.windows.vehicle[0]), []).append(unit.part(use))
             for vehicle, parts in by_vehicle.items():
-                self.shelf.put(SAMPLE, vehicle, self._joined(parts))
+                # A few long arrays cost less than many short ones.
+                windows = Windows(**stacked([p.windows for p in parts]))
+                own = parts[0].own.joined([p.own for p in parts])
+                self.shelf.put(SAMPLE, vehicle, Unit(windows, **stacked(parts, "windows", "own"), own=own))
             self.shelf.end(SAMPLE)
         return [self.shelf.get(SAMPLE, k) for k in self.shelf.numbers(SAMPLE)]
-
-    def _joined(self, parts: list[Unit]) -> Unit:
-        """Several units of one vehicle as one: a few long arrays cost less than many short ones."""
-        windows = Windows(**stacked([p.windows for p in parts]))
-        own = parts[0].own.joined([p.own for p in parts])
-        return Unit(windows, **stacked(parts, "windows", "own"), own=own)
 
     def adjustable(self) -> list[Knob]:
         """Return every knob with a tolerance: the fleet's that may be a little off."""
         known = ((t, p) for t in self.terms() for p in t.parameters if not p.shape)
         return [Knob(t.name, p.name) for t, p in known if p.allowance(self.fleet.truck) > 0.0]
 
-    @cached_property
-    def knots(self) -> dict[str, tuple[float, ...]]:
-        """Knots of every variable that moves."""
-        return self.knots_in(self.units())
-
-    def knots_in(self, units: Iterable[Unit]) -> dict[str, tuple[float, ...]]:
-        """Return them in some units."""
+    def knots(self, units: Iterable[Unit]) -> dict[str, tuple[float, ...]]:
+        """Return the knots of every variable that moves in some units."""
         pooled: dict[str, list[Floats]] = {}
         for unit in units:
             for name, values in self.state(unit.own).items():
@@ -254,10 +250,6 @@ def lay_out(channels: Sequence[Channel]) -> None:
     list(channels[0].fleet.each(partial(lay, channels)))
     for channel in channels:
         channel._laid = True
-
-
-def _of_date(channel: Channel, work: Callable[[Iterable[Unit]], R], date: int) -> R:
-    return work(channel.of(date))
 
 
 def _touched(cells: Cells, units: Iterable[Unit]) -> Floats:
@@ -301,22 +293,9 @@ class About(ABC):
         return self.channel.state(self.own)
 
     def columns(self, sources: Sequence[Source]) -> Columns:
-        """Return the columns of sources, (W, P)."""
-        makers = (self._knob, self._field, self._curve, self._error)
-        of: dict[Any, Any] = dict(zip(get_args(Source), makers, strict=True))
-        return np.concatenate([of[type(s)](s) for s in sources], axis=1).astype(np.float32)
-
-    @abstractmethod
-    def _knob(self, source: Any) -> Floats: ...
-
-    @abstractmethod
-    def _field(self, source: Any) -> Floats: ...
-
-    @abstractmethod
-    def _curve(self, curve: Any) -> Floats: ...
-
-    @abstractmethod
-    def _error(self, source: Any) -> Floats: ...
+        """Return the columns of sources, (W, P), by the methods that are named after their kinds."""
+        parts = [getattr(self, MAKERS[type(s)])(s) for s in sources]
+        return np.concatenate(parts, axis=1).astype(np.float32)
 
     def _shared(self, scope: Scope, change: Floats) -> Floats:
         """A change along the motion, (n,), as far as a scope holds."""

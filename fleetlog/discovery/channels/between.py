@@ -47,7 +47,7 @@ def learn(
     """Return what fits the units, each with the windows that may be used. ``motion`` is the same channel that
     looks at no recorded power; rows miss the energy by ``hidden`` of it."""
     units = list(units)
-    curves = power_curves(channel.knots_in(u for u, _ in units), len(channel.fleet.vehicles))
+    curves = power_curves(channel.knots(u for u, _ in units), len(channel.fleet.vehicles))
     found = []
     for unit, use in units:
         told, columns = motion.columns(unit, channel.base, curves)

@@ -40,7 +40,11 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     step = float(np.median(steps)) if name == "soc" and steps else 0.0  # In which the charge is logged
     window = _window(fleet, name, settings, step)
     coarse = step_of(fleet.days, "battery_power") if name == "battery_power" else 0.0
-    channel = EnergyChannel(name, fleet, base, split, window, _cells(fleet), measured, step, coarse)
+    # Stretches of the map, or squares of the floor without one; None where neither helps
+    network = fleet.network if fleet.has("edge_id") else None
+    track = (pooled(fleet.days, axis) for axis in ("x", "y"))
+    places: Cells | None = make_squares(*track) if network is None else make_stretches(network)
+    channel = EnergyChannel(name, fleet, base, split, window, places, measured, step, coarse)
     hidden = channel.settle(settings, final=False)
     if measured and hidden**2 > DILUTED:
         # As wide as leaves enough of them to see what the battery does as it empties.
@@ -49,13 +53,6 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
         channel = replace(channel, seconds=wider)
         channel.settle(settings, final=True)
     return channel
-
-
-def _cells(fleet: Fleet) -> Cells | None:
-    """Stretches of the map, or squares of the floor without one; None where neither helps."""
-    if fleet.network is not None and fleet.has("edge_id"):
-        return make_stretches(fleet.network)
-    return make_squares(pooled(fleet.days, "x"), pooled(fleet.days, "y"))
 
 
 def _window(fleet: Fleet, channel: str, settings: Settings, step: float) -> float:

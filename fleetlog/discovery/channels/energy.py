@@ -1,6 +1,5 @@
 """The energy channels: what battery power or the state of charge adds up to over some ten seconds."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,7 +108,12 @@ class EnergyChannel(Channel):
         The mean of half the rows scatters about that of all by as much as that does about the truth.
         ``final``: where rows miss much, learn to tell recorded power from the motion, too."""
         changed = size = beside = 0.0
-        seen = list(self._looked_at(settings))
+        seen: list[tuple[Unit, Mask, Trajectory]] = []
+        for day in (self.fleet.days[k] for k in far_apart(len(self.fleet.days))):
+            unit = self._unit(self.fleet.block(day.vehicle, rows := day.load()))
+            seen.append((unit, unit.whole & (unit.fold != HELD_OUT), rows))
+            if sum(int(use.sum()) for _, use, _ in seen) >= settings.sample // 4:
+                break  # Their mean square is known to 2 %
         flat = self.fleet.network is None or not self.fleet.network.has_elevation
         self.climbs = flat and 2 * sum(u.own.motion.slope.any() for u, _, _ in seen) > len(seen)
         for unit, use, rows in seen:
@@ -153,18 +157,6 @@ class EnergyChannel(Channel):
         drawn = block.rows(np.maximum(e.force * e.gain, 0.0))
         expected = block.rows(e.power) + between.beyond(self.state(c), drawn)
         return block.power + between.share * (expected - block.power)
-
-    def _looked_at(self, settings: Settings) -> Iterator[tuple[Unit, Mask, Trajectory]]:
-        """Yield units of vehicle-days far apart until there are windows enough: which of their windows, (W,),
-        may be used, and their rows."""
-        days, count = self.fleet.days, 0
-        for k in far_apart(len(days)):
-            unit = self._unit(self.fleet.block(days[k].vehicle, rows := days[k].load()))
-            use = unit.whole & (unit.fold != HELD_OUT)
-            yield unit, use, rows
-            count += int(use.sum())
-            if count >= settings.sample // 4:  # Their mean square is known to 2 %
-                return
 
     def _hunted(self, seen: list[tuple[Unit, Mask, Trajectory]]) -> tuple[int, ...]:
         """The roads whose energy hangs on how far power swings within rows: there trucks hunt for their
@@ -269,7 +261,7 @@ class EnergyChannel(Channel):
 
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        knots, vehicles = self.knots, len(self.fleet.vehicles)
+        knots, vehicles = self.knots(self.units()), len(self.fleet.vehicles)
         if self.measured:
             return charge_curves(knots, vehicles)
         out = energy_curves(knots, vehicles, len(self.fleet.dates), self.fleet.trip_names)

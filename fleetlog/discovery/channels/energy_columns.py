@@ -119,14 +119,10 @@ class Evaluation:
         before = self.physics.values.get(term.name, {})
         after = {**before, **setting}
         simple = term.acts in ("force", "power", "drive") and not any(p.truck_key for p in term.parameters)
-        if simple and term.function is not None and self.measured is None:
-            return self._swapped(term, before, after)
-        physics = Physics(self.physics.truck, {**self.physics.values, term.name: after})
-        return Evaluation(self.recorded, physics, self.charge, self.measured).power - self.power
-
-    def _swapped(self, term: Term, before: Values, after: Values) -> Floats:
-        """Return the same where one term's force or power is all that changes: no need of the whole sum."""
-        assert term.function is not None
+        if not simple or term.function is None or self.measured is not None:
+            physics = Physics(self.physics.truck, {**self.physics.values, term.name: after})
+            return Evaluation(self.recorded, physics, self.charge, self.measured).power - self.power
+        # One term's force or power is all that changes: no need of the whole sum.
         given = {"force": self.force} if term.acts == "drive" else {}
         new = term.function(self.motion, self.truck, {**after, **given})
         known = {"force": self._forces, "power": self._powers}.get(term.acts, {})

@@ -13,7 +13,7 @@ from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.discovery.hypotheses.cells import Stretches
-from fleetlog.discovery.recording.blocks import TRIP, Windows, narrow, picked, stacked
+from fleetlog.discovery.recording.blocks import TRIP, Windows, counted_on, narrow, picked, stacked
 from fleetlog.discovery.recording.conflicts import Route, hindered, on_road
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
@@ -105,14 +105,9 @@ class Path:
     @staticmethod
     def joined(paths: list["Path"]) -> "Path":
         """Return paths of one vehicle, one after the other."""
-        s = np.cumsum([0.0, *(p.s[-1] + 1.0 for p in paths)])
-        of = np.cumsum([0, *(p.count for p in paths)])
-        return Path(
-            join([p.motion for p in paths]),
-            np.concatenate([p.s + b for p, b in zip(paths, s, strict=False)]),
-            of=np.concatenate([p.of + b for p, b in zip(paths, of, strict=False)]),
-            **stacked(paths, "motion", "s", "of"),
-        )
+        s = counted_on([p.s for p in paths], [p.s[-1] + 1.0 for p in paths])
+        of = counted_on([p.of for p in paths], [p.count for p in paths])
+        return Path(join([p.motion for p in paths]), s, of=of, **stacked(paths, "motion", "s", "of"))
 
 
 Laid = tuple[Path, Windows, Floats, Mask]
@@ -186,27 +181,24 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     if not (found := [v for v in long if (v.leg.path.edge >= 0).all()]):
         return None
     parts = [v.leg for v in found]
-    wait = np.array([v.wait for v in found])
-    size = np.array([len(leg.distance) for leg in parts])
-    motion = join([leg.path for leg in parts])
+    starts, motion = np.cumsum([0, *(len(leg.distance) for leg in parts)]), join([leg.path for leg in parts])
     inside = np.ones(len(motion), bool)
-    inside[np.concatenate([[0], np.cumsum(size)[:-1]])] = False
-    base = np.cumsum([0.0, *(leg.distance[-1] + 1.0 for leg in parts)])
-    s = np.concatenate([leg.distance + b for leg, b in zip(parts, base, strict=False)])
+    inside[starts[:-1]] = False
+    s = counted_on([leg.distance for leg in parts], [leg.distance[-1] + 1.0 for leg in parts])
     of = _windows(parts, length)
     count = int(of[-1]) + 1
     took = np.where(inside, np.diff(motion.time, prepend=motion.time[:1]), 0.0)
     standing = np.zeros(len(took))
-    standing[np.cumsum(size) - 1] = wait
+    standing[starts[1:] - 1] = [v.wait for v in found]
     took += standing
     recorded = np.asarray(np.bincount(of, took, count), dtype=np.float64)
     assert fleet.network is not None
     limit = np.nan_to_num(fleet.network.speed_limit, nan=np.inf)[motion.edge]
     motion = motion.replaced(speed=limit, time=motion.time + r.start, vehicle=np.full(len(motion), r.vehicle))
-    held, starts = np.zeros(len(took), bool), np.cumsum([0, *size])
+    held = np.zeros(len(took), bool)
     held[[b + node for leg, b in zip(parts, starts, strict=False) for node in leg.stops]] = True
-    behind, astray = (np.concatenate(f) for f in ([v.behind for v in found], [v.astray for v in found]))
-    behind, astray = (np.bincount(of, flags, count) > 0 for flags in (behind, astray))
+    flags = (np.concatenate([getattr(v, name) for v in found]) for name in ("behind", "astray"))
+    behind, astray = (np.bincount(of, flag, count) > 0 for flag in flags)
     metres = np.bincount(of, np.where(inside, np.diff(s, prepend=s[:1]), 0.0), count).astype(np.float64)
     middle = np.searchsorted(of, np.arange(count)) + np.bincount(of) // 2
     windows = Windows(

@@ -227,17 +227,12 @@ class TravelChannel(Channel):
 
     def about(self, own: Path, model: Model) -> TravelAbout:
         """Return what a model says of a path, (W,) [s], and columns about it."""
-        physics = model.physics(int(own.motion.vehicle[0]), own.motion, self.cells)
-        return TravelAbout(self, own, model, physics, self._waits(own, model))
-
-    def _waits(self, path: Path, model: Model) -> Floats:
-        total = np.zeros(len(path.s))
+        vehicle, m, waits = int(own.motion.vehicle[0]), own.motion, np.zeros(len(own.s))
         for name, deviation in model.fields.items():
             if all_terms()[name].waits:
-                m = path.motion
-                there = model.share(name, int(m.vehicle[0]), m.time)
-                total += np.maximum(deviation, 0.0)[self.waits.at(path)] * path.share * there
-        return total
+                there = model.share(name, vehicle, m.time)
+                waits += np.maximum(deviation, 0.0)[self.waits.at(own)] * own.share * there
+        return TravelAbout(self, own, model, model.physics(vehicle, m, self.cells), waits)
 
     def cells(self, term: Term | None) -> Stretches:
         """Return the cells of a field: of roads, or of each direction of them."""
@@ -250,7 +245,7 @@ class TravelChannel(Channel):
 
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        return sources.time_curves(self.knots, len(self.fleet.vehicles))
+        return sources.time_curves(self.knots(self.units()), len(self.fleet.vehicles))
 
     def state(self, own: Path) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by node."""

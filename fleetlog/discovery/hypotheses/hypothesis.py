@@ -16,7 +16,6 @@ from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Parameter, Term
 
 SHAPES = 13  # Values of a shape parameter that are scanned, off its bounds; steps between refine the best
-
 TIME = 4.0  # Logarithm of the number of moments at which something may begin, or end
 
 
@@ -131,11 +130,6 @@ class Hypothesis:
     def placed(self) -> bool:
         """Whether it follows the place."""
         return bool({"x", "y"} & set(self.depends_on))
-
-    @property
-    def local(self) -> bool:
-        """Whether it may touch a part of the recording only: some places, trucks, or hours."""
-        return self.placed or not self.scope.whole
 
     @property
     def slow(self) -> bool:

@@ -168,7 +168,7 @@ def knots_of(values: Floats, name: str) -> tuple[float, ...]:
     low, high = np.quantile(known, [0.005, 0.995])
     if high - low < LEAST_RANGE.get(name, 0.1):
         return ()
-    return PLACED.get(name, tuple(float(k) for k in np.linspace(low, high, KNOTS)))
+    return PLACED.get(name, tuple(np.linspace(low, high, KNOTS).tolist()))
 
 
 def energy_curves(
@@ -190,7 +190,8 @@ def energy_curves(
             out.append(FreeCurve("power", (name,), (k,)))
     for mode, a, b in (("moving", "payload", "speed"), ("force", "ambient_temperature", "speed")):
         if a in knots and b in knots:
-            out.append(FreeCurve(mode, (a, b), (_few(knots[a]), _few(knots[b]))))  # type: ignore[arg-type]
+            few = (tuple(np.linspace(knots[v][0], knots[v][-1], 4).tolist()) for v in (a, b))
+            out.append(FreeCurve(mode, (a, b), tuple(few)))  # type: ignore[arg-type]
     out += _by_class(("force", "power"), vehicle_id=vehicles, day=days)
     return out + [replace(c, classes=trips) for c in _by_class(("force", "power"), trip_id=len(trips))]
 
@@ -203,7 +204,7 @@ def charge_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> list
 
 def power_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> tuple[FreeCurve, ...]:
     """Return the curves by which recorded power may differ from the model's: first the fleet's two."""
-    who = (((), ()), (("vehicle_id",), (_codes(vehicles),)))
+    who = (((), ()), (("vehicle_id",), (tuple(map(float, range(vehicles))),)))
     modes: tuple[Mode, ...] = ("drive", "power")
     slow = (FreeCurve("power", (name,), (k,)) for name, k in knots.items() if name in SLOW)
     return (*(FreeCurve(m, names, k) for names, k in who for m in modes), *slow)
@@ -217,12 +218,5 @@ def time_curves(knots: Mapping[str, tuple[float, ...]], vehicles: int) -> list[F
 
 def _by_class(modes: tuple[Mode, ...], **counts: int) -> list[FreeCurve]:
     """A value for each of so many classes of a code, where there are several."""
-    return [FreeCurve(m, (name,), (_codes(n),)) for name, n in counts.items() if n > 1 for m in modes]
-
-
-def _codes(count: int) -> tuple[float, ...]:
-    return tuple(float(i) for i in range(count))
-
-
-def _few(knots: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(float(k) for k in np.linspace(knots[0], knots[-1], 4))
+    several = [(name, tuple(map(float, range(n)))) for name, n in counts.items() if n > 1]
+    return [FreeCurve(m, (name,), (codes,)) for name, codes in several for m in modes]

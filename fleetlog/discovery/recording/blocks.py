@@ -38,6 +38,11 @@ def stacked(tables: Sequence[Any], *but: str) -> dict[str, Any]:
     return {n: np.concatenate([getattr(t, n) for t in tables]) for n in names}
 
 
+def counted_on(pieces: Sequence[NDArray[Any]], sizes: Sequence[float]) -> NDArray[Any]:
+    """Return arrays end to end, the numbers in each counted on from the sizes of those before it."""
+    return np.concatenate([p + b for p, b in zip(pieces, np.cumsum([0, *sizes]), strict=False)])
+
+
 @dataclass(frozen=True)
 class Block:
     """Rows of one vehicle on one day.
@@ -66,13 +71,6 @@ class Block:
     def __len__(self) -> int:
         return len(self.time)
 
-    def part(self, rows: Mask, samples: Mask) -> Block:
-        """Return some rows, and their samples."""
-        number = (np.cumsum(rows) - 1).astype(np.int32)
-        motion, row = narrow(self.motion[samples]), number[self.row[samples]]
-        own = picked(self, rows, "motion", "row", "likely", *WHOLE)
-        return replace(self, motion=motion, row=row, likely=self.likely[samples], known=None, **own)
-
     def rows(self, values: Floats) -> Floats:
         """Return the mean of (n,) values over the samples of each row, (rows,)."""
         total = np.bincount(self.row, values * self.motion.dt, len(self))
@@ -97,14 +95,6 @@ class Block:
         out = np.zeros(len(self))
         out[self.row[1:][gap > ROUNDED]] = gap[gap > ROUNDED]
         return out
-
-
-def joined(parts: list[Block]) -> Block:
-    """Return blocks of one vehicle, one after the other."""
-    base = np.cumsum([0, *(len(p) for p in parts)])
-    arrays = stacked(parts, "motion", "row", *WHOLE)
-    row = np.concatenate([p.row + b for p, b in zip(parts, base, strict=False)]).astype(np.int32)
-    return replace(parts[0], motion=narrow(join([p.motion for p in parts])), row=row, **arrays)
 
 
 def block(
@@ -194,17 +184,22 @@ class Cut:
 
     def part(self, keep: Mask) -> tuple[Mask, Cut]:
         """Return some of the windows, (W,): which these are, and a cut of them."""
-        rows, samples, number = keep[self.of_row], keep[self.of], (np.cumsum(keep) - 1).astype(np.int32)
-        block, count = self.block.part(rows, samples), int(keep.sum())
-        return keep, Cut(block, number[self.of_row[rows]], number[self.of[samples]], count)
+        b, rows, samples = self.block, keep[self.of_row], keep[self.of]
+        row, window = ((np.cumsum(kept) - 1).astype(np.int32) for kept in (rows, keep))
+        own = picked(b, rows, "motion", "row", "likely", *WHOLE)
+        own |= {"motion": narrow(b.motion[samples]), "row": row[b.row[samples]], "likely": b.likely[samples]}
+        part = replace(b, known=None, **own)
+        return keep, Cut(part, window[self.of_row[rows]], window[self.of[samples]], int(keep.sum()))
 
     @staticmethod
     def joined(parts: list[Cut]) -> Cut:
         """Return cuts of one vehicle, one after the other."""
-        base = np.cumsum([0, *(c.count for c in parts)])
-        pairs = list(zip(parts, base.astype(np.int32), strict=False))
-        of_row, of = (np.concatenate([getattr(c, n) + b for c, b in pairs]) for n in ("of_row", "of"))
-        return Cut(joined([c.block for c in parts]), of_row, of, int(base[-1]))
+        blocks, counts = [c.block for c in parts], [c.count for c in parts]
+        row = counted_on([b.row for b in blocks], [len(b) for b in blocks]).astype(np.int32)
+        of_row, of = (counted_on([getattr(c, n) for c in parts], counts) for n in ("of_row", "of"))
+        motion = narrow(join([b.motion for b in blocks]))
+        block = replace(blocks[0], motion=motion, row=row, **stacked(blocks, "motion", "row", *WHOLE))
+        return Cut(block, of_row.astype(np.int32), of.astype(np.int32), sum(counts))
 
     def windows(self) -> Windows:
         """Return where and when they are."""

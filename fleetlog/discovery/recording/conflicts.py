@@ -15,7 +15,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.motion import join
 from fleetlog.core.truck import Truck
-from fleetlog.discovery.recording.blocks import Block, narrow
+from fleetlog.discovery.recording.blocks import Block, counted_on, narrow
 from fleetlog.physics.motion.legs import Leg, legs
 
 WIDTH, ABREAST = 2.0, 1.2
@@ -53,11 +53,6 @@ class Route:
     def size(self) -> Ints:
         """(L,) nodes of each leg."""
         return np.array([len(leg.distance) for leg in self.legs], dtype=np.int64)
-
-    @cached_property
-    def of(self) -> Ints:
-        """(N,) leg of every node."""
-        return np.repeat(np.arange(len(self.legs)), self.size)
 
     @cached_property
     def way(self) -> Floats:
@@ -136,25 +131,24 @@ def on_road(leg: Leg) -> tuple[Leg, Mask]:
     return replace(leg, path=path), away
 
 
-@dataclass(frozen=True)
 class _Nodes:
     """Nodes of all routes of a day, (N,) each; ``first`` node of the errand of each."""
 
-    vehicle: Ints
-    way: Floats
-    x: Floats
-    y: Floats
-    arrive: Floats
-    leave: Floats
-    course: Floats
-    speed: Floats
-    first: Ints
+    def __init__(self, found: Sequence[Route]) -> None:
+        # Ways of different trucks are set far apart too, so that one array serves all.
+        self.way = counted_on([r.way for r in found], [r.way[-1] + 1e4 for r in found])
+        first = np.flatnonzero(np.diff(self.way, prepend=-np.inf) > 500.0)
+        self.first = first[np.searchsorted(first, np.arange(len(self.way)), side="right") - 1]
+        self.vehicle = np.repeat([r.vehicle for r in found], [r.size.sum() for r in found])
+        driven = ((r.nodes("x"), r.nodes("y"), r.nodes("speed"), r.arrive, r.leave, r.course) for r in found)
+        values = np.concatenate([np.stack(one) for one in driven], axis=1)
+        self.x, self.y, self.speed, self.arrive, self.leave, self.course = values
 
 
 def hindered(found: Sequence[Route], free: Sequence[Floats], truck: Truck) -> list[tuple[Mask, Mask]]:
     """Return of each route of one day whether another truck was in the way at its nodes, and held it up until
     it left them, (N,). ``free`` (N,) of each is the speed that its roads allow [m/s]."""
-    n, v = _nodes(found), np.concatenate(free)
+    n, v = _Nodes(found), np.concatenate(free)
     drive = truck.drive
     i, j = _met(n, BODY + REACTION * v + v**2 / (2.0 * drive.max_deceleration))
     cosine = np.cos(n.course[i] - n.course[j])
@@ -164,16 +158,13 @@ def hindered(found: Sequence[Route], free: Sequence[Floats], truck: Truck) -> li
     crossing = (np.abs(cosine) < ALONG) & (n.leave[j] - n.arrive[j] < PASSING)
     late = n.arrive[i] + np.where(crossing, CLOSE, 0.0)
     begin = _before(n, i, reach)
-    real = (
-        (n.leave[j] > n.arrive[begin])
-        & (n.leave[j] < late)
-        & (apart < np.where(cosine < AGAINST, ABREAST, WIDTH))
-    )
+    near = apart < np.where(cosine < AGAINST, ABREAST, WIDTH)
+    real = near & (n.leave[j] > n.arrive[begin]) & (n.leave[j] < late)
     i, j, begin = i[real], j[real], begin[real]
     end = np.searchsorted(n.way, n.way[i] + v[i] ** 2 / (2.0 * drive.max_acceleration), side="right")
     change = np.bincount(begin, minlength=len(v) + 1) - np.bincount(end, minlength=len(v) + 1)
     flags, held = np.cumsum(change)[: len(v)] > 0, _held(n, begin, i, n.leave[j])
-    parts = np.cumsum([len(r.of) for r in found])[:-1]
+    parts = np.cumsum([r.size.sum() for r in found])[:-1]
     return list(zip(np.split(flags, parts), np.split(held, parts), strict=True))
 
 
@@ -186,19 +177,6 @@ def _held(n: _Nodes, begin: Ints, i: Ints, freed: Floats) -> Mask:
         a, b = np.searchsorted(i, [node, np.searchsorted(n.way, n.way[node] + NEAR)])
         out[node] = bool((freed[a:b][begin[a:b] <= node] > n.leave[node] - RELEASE).any())
     return out
-
-
-def _nodes(found: Sequence[Route]) -> _Nodes:
-    # Ways of different trucks are set far apart too, so that one array serves all.
-    base = np.cumsum([0.0, *(r.way[-1] + 1e4 for r in found)])
-    way = np.concatenate([r.way + b for r, b in zip(found, base, strict=False)])
-    first = np.flatnonzero(np.diff(way, prepend=-np.inf) > 500.0)
-    nodes = {n: np.concatenate([r.nodes(n) for r in found]) for n in ("x", "y", "speed")}
-    nodes |= {n: np.concatenate([getattr(r, n) for r in found]) for n in ("arrive", "leave", "course")}
-    return _Nodes(
-        np.repeat([r.vehicle for r in found], [len(r.of) for r in found]), way,
-        first=first[np.searchsorted(first, np.arange(len(way)), side="right") - 1], **nodes,
-    )  # fmt: skip
 
 
 def _before(n: _Nodes, i: Ints, reach: Floats) -> Ints:

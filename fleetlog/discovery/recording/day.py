@@ -1,12 +1,12 @@
 """A vehicle-day of a recording: what is kept of it, while its rows are read anew when their turn comes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from copy import copy
 from functools import partial
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion.rows import updates
 
@@ -18,7 +18,6 @@ DAY = 86_400_000_000  # Microseconds
 FEW = ("x", "y", "speed", "battery_power")  # Columns of the rows that stand for all
 
 
-@dataclass(frozen=True)
 class Day:
     """What is known of the rows of one vehicle on one day.
 
@@ -26,42 +25,23 @@ class Day:
     median; ``known`` columns; ``trips`` numbers; ``driven`` [s] within trips; ``charge_step`` that the state
     of charge is logged in, ``charge_used`` all that it fell by; ``seldom`` whether positions come far more
     rarely than rows, and rarely; ``held`` for how long each value of power is repeated, 0 where it is
-    not [s]; ``few`` rows, evenly drawn, that stand for all; ``load`` reads all."""
+    not [s]; ``few`` rows, one in ``every``, that stand for all; ``load`` reads all."""
 
-    vehicle: int
-    date: int
-    rows: int
-    begin: float
-    end: float
-    step: float
-    known: frozenset[str]
-    trips: Ints
-    driven: float
-    charge_step: float
-    charge_used: float
-    seldom: bool
-    held: float
-    few: Trajectory
-    load: Callable[[], Trajectory]
-
-
-def day_of(vehicle: int, t: Trajectory, load: Callable[[], Trajectory] | None = None, every: int = 1) -> Day:
-    """Return a vehicle-day; ``load`` reads its rows again, and one in ``every`` stands for the others."""
-    steps, trip, charge = np.diff(t.time) * 1e-6, t.trip_ids(), np.diff(t.floats("soc"))
-    fell, changed = -charge[charge < 0.0], np.abs(charge[np.isfinite(charge) & (charge != 0.0)])
-    few = Trajectory(t.vehicle_id, t.time, {c: t.columns[c] for c in FEW if c in t.columns})
-    return Day(
-        vehicle, int(t.time[0] // DAY), len(t), float(t.time[0]) * 1e-6, float(t.time[-1]) * 1e-6,
-        float(np.median(steps)), frozenset(c for c in t.columns if t.has(c)), np.unique(trip),
-        float(steps[np.diff(trip) == 0].sum()), float(np.quantile(changed, 0.05)) if len(changed) else 0.0,
-        float(fell.sum()), t.has("x") and t.has("speed") and seldom(t),
-        held(t) * float(np.median(steps)), few[::every],
-        load or partial(_same, t),
-    )  # fmt: skip
-
-
-def _same(t: Trajectory) -> Trajectory:
-    return t
+    def __init__(
+        self, vehicle: int, t: Trajectory, load: Callable[[], Trajectory] | None = None, every: int = 1
+    ) -> None:
+        steps, trip, charge = np.diff(t.time) * 1e-6, t.trip_ids(), np.diff(t.floats("soc"))
+        changed = np.abs(charge[np.isfinite(charge) & (charge != 0.0)])
+        self.vehicle, self.date, self.rows = vehicle, int(t.time[0] // DAY), len(t)
+        self.begin, self.end = float(t.time[0]) * 1e-6, float(t.time[-1]) * 1e-6
+        self.step, self.known = float(np.median(steps)), frozenset(c for c in t.columns if t.has(c))
+        self.trips, self.driven = np.unique(trip), float(steps[np.diff(trip) == 0].sum())
+        self.charge_step = float(np.quantile(changed, 0.05)) if len(changed) else 0.0
+        self.charge_used = float(np.sum(-charge[charge < 0.0]))
+        self.seldom = t.has("x") and t.has("speed") and seldom(t)
+        self.held = held(t) * self.step
+        few = Trajectory(t.vehicle_id, t.time, {c: t.columns[c] for c in FEW if c in t.columns})
+        self.few, self.load = few[::every], load or partial(copy, t)
 
 
 def seldom(t: Trajectory) -> bool:

@@ -18,7 +18,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.recording.blocks import TRIP, Block, block, merged
-from fleetlog.discovery.recording.day import Day, day_of, renewed
+from fleetlog.discovery.recording.day import Day, renewed
 from fleetlog.discovery.recording.splits import trips_apart
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels
@@ -209,7 +209,7 @@ def _day(
     load = partial(_rows, data, vehicles[which[0]], which[1], columns)
     rows = load()
     told = len(rows) >= FEWEST_ROWS and (rows.has("speed") or rows.has("x"))
-    return day_of(which[0], rows, load, every) if told else None
+    return Day(which[0], rows, load, every) if told else None
 
 
 NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))

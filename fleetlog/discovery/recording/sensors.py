@@ -171,19 +171,15 @@ def _spread(values: list[float]) -> float:
 
 
 def _looked(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Look]]:
-    some = fleet.some(LOOKED_AT)
-    blocks = (fleet.merged(fleet.block(d.vehicle, d.load())) for k, d in fleet.on(date) if k in some)
-    return [(b.vehicle, look) for b in blocks for look in _looks(b, fleet, split)]
-
-
-def _looks(block: Block, fleet: Fleet, split: Split) -> Iterator[_Look]:
-    power = battery_power(block.motion, Physics(fleet.truck))
-    train = split.rows(block.trip, block.time, block.vehicle, block.day) != HELD_OUT
-    count = int(np.clip(len(block) // PIECE, 1, 6))
-    cuts = np.linspace(0, len(block), count + 1).astype(int)
-    for a, b in itertools.pairwise(cuts):
-        if (look := _best_shift(block, power, slice(int(a), int(b)), train, fleet.step)) is not None:
-            yield look
+    some, out = fleet.some(LOOKED_AT), []
+    for b in (fleet.merged(fleet.block(d.vehicle, d.load())) for k, d in fleet.on(date) if k in some):
+        power = battery_power(b.motion, Physics(fleet.truck))
+        train = split.rows(b.trip, b.time, b.vehicle, b.day) != HELD_OUT
+        ends = np.linspace(0, len(b), int(np.clip(len(b) // PIECE, 1, 6)) + 1).astype(int).tolist()
+        pieces = itertools.starmap(slice, itertools.pairwise(ends))
+        looks = (_best_shift(b, power, piece, train, fleet.step) for piece in pieces)
+        out += [(b.vehicle, look) for look in looks if look is not None]
+    return out
 
 
 def _best_shift(block: Block, power: Floats, piece: slice, train: Mask, step: float) -> _Look | None:

@@ -7,7 +7,6 @@ import os
 import pickle
 import shutil
 import threading
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -79,14 +78,12 @@ class Shelf:
             held = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_COPY))
         end = HEAD + int.from_bytes(held[:HEAD], "little")
         rest, sizes = pickle.loads(held[HEAD:end])
-        return pickle.loads(rest, buffers=_parts(held, end, sizes))
-
-
-def _parts(held: memoryview, end: int, sizes: Iterable[int]) -> Iterable[memoryview]:
-    for size in sizes:
-        begin = end + -end % ALIGNED
-        end = begin + size
-        yield held[begin:end]
+        arrays = []
+        for size in sizes:
+            begin = end + -end % ALIGNED
+            end = begin + size
+            arrays.append(held[begin:end])
+        return pickle.loads(rest, buffers=arrays)
 
 
 class _Writer(pickle.Pickler):

@@ -48,26 +48,23 @@ class Split:
         """Return the fold of every window, (W,); ``HELD_OUT`` for those of the final scores."""
         if not len(w):
             return np.zeros(0, np.int64)
-        return self._folds(self.unit(w), int(w.vehicle[0]), int(w.day[0]))
+        return self.rows(w.trip, w.time, int(w.vehicle[0]), int(w.day[0]))
 
     def rows(self, trip: Ints, time: Floats, vehicle: int, day: int, share: float = 1.0) -> Ints:
         """Return the same for the rows of a vehicle-day; ``HELD_OUT`` beside an even sample of them, too."""
         unit = self._units(trip, time, np.full(len(trip), vehicle))
-        return np.where(_evenly(unit, share), self._folds(unit, vehicle, day), HELD_OUT)
+        if (vehicle if self.kind == "vehicles" else day) in self.test_units:
+            return np.full(len(unit), HELD_OUT)
+        codes, which = np.unique(unit, return_inverse=True)
+        out = self._dealt(codes, self.folds, 0)
+        if not self.test_units:
+            out[self._dealt(codes, max(2, round(1.0 / self.held_out)), 1) == 0] = HELD_OUT
+        return np.where(_evenly(unit, share), out[which], HELD_OUT)
 
     def _units(self, trip: Ints, time: Floats, vehicle: Ints) -> Ints:
         if self.kind == "trips":
             return trip
         return np.asarray(vehicle * (1 << 32) + (time // self.length).astype(np.int64))
-
-    def _folds(self, unit: Ints, vehicle: int, day: int) -> Ints:
-        codes, which = np.unique(unit, return_inverse=True)
-        out = self._dealt(codes, self.folds, 0)[which]
-        if self.kind in ("vehicles", "days"):
-            held = (vehicle if self.kind == "vehicles" else day) in self.test_units
-            return np.full(len(unit), HELD_OUT) if held else out
-        test = self._dealt(codes, max(2, round(1.0 / self.held_out)), 1) == 0
-        return np.where(test[which], HELD_OUT, out)
 
     def drawn(self, w: Windows, share: float) -> Mask:
         """Return which windows belong to an even sample, (W,)."""
@@ -122,8 +119,12 @@ def make_split(
 
 def passed_once(days: Sequence[Day], window: float) -> bool:
     """Return whether most places are passed once only; ``window`` [s]."""
-    parts = [_moving(d) for d in days if {"x", "speed"} <= d.known]
-    x, y, time, speed, vehicle = np.concatenate([*parts, np.zeros((5, 0))], axis=1)
+    parts = [np.zeros((5, 0))]  # Place, time, speed and vehicle of rows in motion whose place is known
+    for day in (d for d in days if {"x", "speed"} <= d.known):
+        x, y, speed = (day.few.floats(name) for name in ("x", "y", "speed"))
+        table = np.stack([x, y, day.few.time * 1e-6, speed, np.full(len(x), float(day.vehicle))])
+        parts.append(table[:, np.isfinite(table).all(axis=0) & (speed > 0.0)])
+    x, y, time, speed, vehicle = np.concatenate(parts, axis=1)
     if len(x) == 0:
         return False
     side = 2.0 * window * float(np.median(speed))
@@ -132,13 +133,6 @@ def passed_once(days: Sequence[Day], window: float) -> bool:
     place, time, vehicle = place[order], time[order], vehicle[order]
     again = (np.diff(place) == 0) & ((np.diff(time) > RETURN * window) | (np.diff(vehicle) != 0.0))
     return bool(np.isin(place, place[1:][again]).mean() < 0.5)
-
-
-def _moving(day: Day) -> Floats:
-    """(5, n) place, time, speed and vehicle of rows in motion whose place is known."""
-    x, y, speed = (day.few.floats(name) for name in ("x", "y", "speed"))
-    table = np.stack([x, y, day.few.time * 1e-6, speed, np.full(len(x), float(day.vehicle))])
-    return np.asarray(table[:, np.isfinite(table).all(axis=0) & (table[3] > 0.0)])
 
 
 def trips_apart(days: Sequence[Day]) -> tuple[tuple[int, int], ...]:

@@ -142,12 +142,11 @@ def _as_unladen(passes: dict[Way, list[Pass]]) -> dict[Way, list[Pass]]:
         empty, laden = ([float(p.speed.min()) for p in own if p.laden == loaded] for loaded in (False, True))
         if min(len(empty), len(laden)) >= FEWEST:
             ratios[bends[way]].append(float(np.median(laden) / np.median(empty)))
-    change = {bend: np.median(found) if found else 1.0 for bend, found in ratios.items()}
-
-    def unladen(p: Pass, ratio: float) -> Pass:
-        return replace(p, speed=p.speed / ratio, profile=p.profile / ratio) if p.laden else p
-
-    return {way: [unladen(p, change[bends[way]]) for p in own] for way, own in passes.items()}
+    out = {}
+    for way, own in passes.items():
+        r = np.median(ratios[bends[way]] or [1.0])
+        out[way] = [replace(p, speed=p.speed / r, profile=p.profile / r) if p.laden else p for p in own]
+    return out
 
 
 def _angle(passes: list[Pass]) -> float:

@@ -44,20 +44,17 @@ def _moment(time: float) -> str | None:
     return datetime.fromtimestamp(round(time), UTC).isoformat() if isfinite(time) else None
 
 
-def _whom(scope: dict[str, Any]) -> str:
-    """Return the scope as ``Truck T3, since 14 March 2026, 09:00 UTC: ``; empty for all, always."""
+def _of(scope: Told, text: str) -> str:
+    """A sentence of a scope: after ``Truck T3, since 14 March 2026, 09:00 UTC: ``, but of all, always."""
+    if scope is None:
+        return text
     trucks, begin, until = scope["vehicles"], scope["from"], scope["until"]
     who = f"truck{'s' if len(trucks) > 1 else ''} {', '.join(trucks)}" if trucks else ""
     word = "growing from" if scope.get("drift") else "from" if until else "since"
     when = f"{word} {_said(begin)}" if begin else ""
     when += f"{' to' if when else 'until'} {_said(until)}" if until else ""
-    text = ", ".join(t for t in (who, when) if t)
-    return f"{text[:1].upper()}{text[1:]}: " if text else ""
-
-
-def _of(scope: Told, text: str) -> str:
-    whom = _whom(scope) if scope else ""
-    return f"{whom}{text[:1].lower()}{text[1:]}" if whom else text
+    whom = ", ".join(t for t in (who, when) if t)
+    return f"{whom[:1].upper()}{whom[1:]}: {text[:1].lower()}{text[1:]}" if whom else text
 
 
 def _said(moment: str) -> str:

@@ -171,11 +171,8 @@ def _by_width(tried: Sequence[tuple[Hypothesis, list[Atom]]]) -> Iterator[tuple[
     for h, own in tried:
         at, prior = slice(start, start + len(own)), Design(tuple(own)).prior
         start = at.stop
-        if h.numbers:
-            yield h, at, prior
-        else:
-            for v in VARIANCES:
-                yield replace(h, variance=v), at, replace(prior, precision=prior.precision / v)
+        for v in (1.0,) if h.numbers else VARIANCES:
+            yield replace(h, variance=v), at, replace(prior, precision=prior.precision / v)
 
 
 def pattern_hypotheses(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis) -> list[Hypothesis]:
@@ -207,10 +204,8 @@ def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells:
     near = 0.0 if h.waits else REACH
     found: list[Pattern] = []
     while len(found) < MOST_PATTERNS:
-        best, first, last = max(
-            (_best(moment, product, plausible, near, cells, *road) for road in cells.roads()),
-            key=lambda b: b[0],
-        )
+        runs = (_best(moment, product, plausible, near, cells, *road) for road in cells.roads())
+        best, first, last = max(runs, key=lambda run: run[0])
         if best < max(evident, material * float(share[first:last].sum())):
             break
         pattern = np.zeros(len(cells))

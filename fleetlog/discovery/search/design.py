@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from fleetlog.core.arrays import Floats, Ints, Mask
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.sources import KnobSource, Layout, Source
@@ -78,8 +78,14 @@ class Design:
             half = basis @ g[:p]
             n.gram[f][np.ix_(fleet, fleet)] = basis @ np.ascontiguousarray(half[:, :p].T)
             n.moment[f, fleet] = half[:, -1]
-        if not fleet.all() and not slow:
-            self._vehicles(sums, basis, fleet, n)
+        own = [] if slow else [a for a in self.atoms if a.vehicle is not None]
+        column, of = np.array([int(a.columns[0]) for a in own]), np.array([a.vehicle for a in own])
+        for f, gram in enumerate(n.gram) if own else ():
+            rows = sums.own[of, f, column]
+            cross = basis @ rows[:, :-1].T
+            gram[np.ix_(~fleet, fleet)], gram[np.ix_(fleet, ~fleet)] = cross.T, cross
+            gram[np.ix_(~fleet, ~fleet)] = rows[:, column] * (of[:, None] == of[None, :])
+            n.moment[f, ~fleet] = rows[:, -1]
         return n
 
     def columns(self, x: NDArray[np.float32], vehicle: Ints) -> Floats:
@@ -89,17 +95,6 @@ class Design:
             basis[atom.columns, j] = atom.weights
         own = np.array([-1 if a.vehicle is None else a.vehicle for a in self.atoms])
         return np.asarray((x @ basis) * ((own < 0) | (vehicle[:, None] == own)))
-
-    def _vehicles(self, sums: Sums, basis: sparse.csr_matrix, fleet: Mask, n: Normal) -> None:
-        """Fill in the products of the coefficients that belong to one vehicle."""
-        own = [a for a in self.atoms if a.vehicle is not None]
-        column, of = np.array([int(a.columns[0]) for a in own]), np.array([a.vehicle for a in own])
-        for f, gram in enumerate(n.gram):
-            rows = sums.own[of, f, column]
-            cross = basis @ rows[:, :-1].T
-            gram[np.ix_(~fleet, fleet)], gram[np.ix_(fleet, ~fleet)] = cross.T, cross
-            gram[np.ix_(~fleet, ~fleet)] = rows[:, column] * (of[:, None] == of[None, :])
-            n.moment[f, ~fleet] = rows[:, -1]
 
 
 def make_design(channel: Channel, layout: Layout, model: Model, chosen: Sequence[Hypothesis]) -> Design:

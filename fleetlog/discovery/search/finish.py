@@ -1,17 +1,20 @@
-"""What the search has found, and its last form: what is not needed is dropped, and shapes are set."""
+"""What the search has found, what of it may count, and its last form: the needless dropped, shapes set."""
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.model import Model, field_values
+from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import screen
-from fleetlog.discovery.search.joint import Joint, refit, scored, tuned, verified
+from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.search.scopes import ended
 
+OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve or junctions
 FEW = 3  # Curves that are tried in the place of several others
 BY_CHANCE = 0.05  # Share of a field, by its squares, that may be implausible: one value in twenty is, of 95 %
 
@@ -48,6 +51,49 @@ def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> boo
     first, deviation = h.physics.parameters[0], joint.model.fields[h.term]
     value, weight = field_values(first, deviation), problem.channel.passes(h.physics) * deviation**2
     return bool(weight[(value <= first.low) | (value >= first.high)].sum() > BY_CHANCE * weight.sum())
+
+
+def is_flat(problem: Problem, sums: Sums, joint: Joint) -> bool:
+    """Whether the values of a curve say no more than that they are not zero: it follows nothing."""
+    own = joint.chosen[-1]
+    if own.curve is None or own.curve.harmonics or own.curve.width < 2:
+        return False
+    mine = np.array([a.owner == own for a in joint.design.atoms])
+    gram = joint.design.normal(sums).gram.sum(axis=0)[np.ix_(mine, mine)]
+    value = joint.fitted.beta[mine]
+    differs = value - gram.sum(axis=0) @ value / max(float(gram.sum()), 1e-300)
+    told = float(differs @ gram @ differs) / (2.0 * problem.noise.design)
+    return bool(told < problem.settings.evidence + value.size / 2.0)  # Noise alone says half of one for each
+
+
+def at_junctions(problem: Problem, now: Joint, joint: Joint) -> bool:
+    """Whether a field stands out mostly beside junctions, as no pattern may, and the rest does not count:
+    there it is not told from how they are crossed, nor from where within them another effect begins."""
+    h, term = joint.chosen[-1], joint.chosen[-1].physics
+    cells = problem.channel.cells(term) if term is not None and h.field and not h.waits else None
+    if term is None or not isinstance(cells, Stretches):
+        return False
+    passes = problem.channel.passes(term)
+    deviation = np.where(passes > 0, joint.model.fields[term.name], 0.0)
+    large = np.abs(deviation) >= LARGE * np.abs(deviation).max(initial=0.0)
+    weight = passes * deviation**2 * large
+    kept = weight[cells.inner(large, np.sign(deviation), REACH)].sum() / max(float(weight.sum()), 1e-12)
+    rest = size_of(problem, now, joint).verified * np.sqrt(kept) if kept < OWN else np.inf
+    return bool(rest < problem.channel.place_error)
+
+
+def counts(problem: Problem, h: Hypothesis, size: Size, material: float) -> bool:
+    """Whether an effect is material, and beyond the model's own error by what unseen trips confirm of it."""
+    if h.placed:
+        return size.verified >= problem.channel.place_error
+    own = problem.channel.model_error
+    if not h.knobs:
+        return size.share >= max(material, own) and size.verified >= own
+    # Tolerances may say most of a number, so that unseen trips confirm a small part of a large effect; of a
+    # false number they confirm a small part of a small one.  An error that is alike in all trucks and hours
+    # takes nothing away between them.
+    between = problem.channel.steady and not h.scope.whole
+    return size.share >= material and (between or size.share * size.verified >= own**2)
 
 
 def pruned(problem: Problem, found: Search) -> Search:

@@ -6,21 +6,12 @@ from itertools import chain
 
 import numpy as np
 
-from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.model import FLEET, Model, Scope
-from fleetlog.discovery.recording.turns import REACH
+from fleetlog.discovery.search import finish
 from fleetlog.discovery.search.beside import Screened, gained, pattern_hypotheses, screen
 from fleetlog.discovery.search.design import CERTAIN
-from fleetlog.discovery.search.finish import (
-    Search,
-    considered,
-    formed,
-    on_bound,
-    one_for_several,
-    pruned,
-    shaped,
-)
+from fleetlog.discovery.search.finish import OWN, Search, considered, formed, on_bound, pruned, shaped
 from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tightened, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
@@ -36,7 +27,7 @@ def search(problem: Problem, nominal: Model) -> Search:
         if better is None:
             if now.chosen != found.joint.chosen:
                 found.joint = refit(problem, found.joint.model, now.chosen)
-            if (one := one_for_several(problem, found)) is None:
+            if (one := finish.one_for_several(problem, found)) is None:
                 break
             found.joint = one
             continue
@@ -124,7 +115,7 @@ def _best(
     small = [(j.chosen[-1], size) for j, size in slight]
     # Unseen trips confirm little of a number that the tolerances of others, all together, say as well.
     large = {h for h, s in small if h.knobs and h.scope.whole and s.share >= problem.settings.material}
-    noted = [(h, s.share) for h, s in small if h in large or _counts(problem, h, s, 0.0)]
+    noted = [(h, s.share) for h, s in small if h in large or finish.counts(problem, h, s, 0.0)]
     found.slight = max(noted, key=lambda one: one[1], default=found.slight)
     if first is not None and first.chosen[-1].term is None:
         # What the names say of places goes first: free time by place takes up all of it, and what no name
@@ -169,14 +160,14 @@ def _counting(
     own, least = problem.channel.model_error, problem.settings.material
     curves = [o for o in ranked if o.chosen[-1].curve and verified(now, o) >= own]
     sizes = {o.chosen[-1]: size_of(problem, now, o) for o in curves}
-    untold = [o for o in curves if not _counts(problem, o.chosen[-1], sizes[o.chosen[-1]], least)]
+    untold = [o for o in curves if not finish.counts(problem, o.chosen[-1], sizes[o.chosen[-1]], least)]
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
         # Nor are simpler shapes told of a field that stands out beside junctions, and says far more.
         alike = [o for o in worth if o.chosen[-1].term == joint.chosen[-1].term and o.score <= joint.score]
         more = [o for o in alike if o is joint or now.score - joint.score < MOST * (now.score - o.score)]
-        if _is_flat(problem, sums, joint) or any(_at_junctions(problem, now, o) for o in more):
+        if finish.is_flat(problem, sums, joint) or any(finish.at_junctions(problem, now, o) for o in more):
             continue
         # Nor is a number of a part, where the same number says it better of all.
         h = joint.chosen[-1]
@@ -190,7 +181,7 @@ def _counting(
         if any(_repeats(problem, sums, now, joint, o) for o in twice):
             continue
         size = sizes.get(h) or size_of(problem, now, joint)
-        if not _counts(problem, h, size, least):
+        if not finish.counts(problem, h, size, least):
             slight.append((joint, size))
             continue
         # What is too slight as a name says it is no more as free values by place, which say it less well.
@@ -221,19 +212,6 @@ def _repeats(
     return other.score - both.score < OWN * (now.score - joint.score)
 
 
-def _is_flat(problem: Problem, sums: Sums, joint: Joint) -> bool:
-    """Whether the values of a curve say no more than that they are not zero: it follows nothing."""
-    own = joint.chosen[-1]
-    if own.curve is None or own.curve.harmonics or own.curve.width < 2:
-        return False
-    mine = np.array([a.owner == own for a in joint.design.atoms])
-    gram = joint.design.normal(sums).gram.sum(axis=0)[np.ix_(mine, mine)]
-    value = joint.fitted.beta[mine]
-    differs = value - gram.sum(axis=0) @ value / max(float(gram.sum()), 1e-300)
-    told = float(differs @ gram @ differs) / (2.0 * problem.noise.design)
-    return bool(told < problem.settings.evidence + value.size / 2.0)  # Noise alone says half of one for each
-
-
 def _timed(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> tuple[Joint, list[Joint]]:
     """The new field limited to a part of the time, where that is more likely; its rivals then are, too."""
     if (timed := _in_its_time(problem, now, joint)) is None:
@@ -256,7 +234,6 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
 
 NOTHING = 0.01  # Share of the largest gain of a fold up to which a fold has nothing to say
 SEVERAL = 7  # Folds that speak for it, each a little, that are as good as a few that are evident
-OWN = 0.5  # Share of what speaks for places that must be their own, beside a curve or junctions
 MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
 HALF = 0.5  # The same of a curve, of the one of two names that says more
 EDGE = 0.5 * CERTAIN**2  # What a number on the edge of its tolerance costs [nat]
@@ -312,8 +289,9 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
     each = len(told) > 1 and told.min() > (settings.evidence if len(told) < SEVERAL else 0.0)
     if s.gain < settings.evidence or not (each or told.mean() > settings.consistency * spread):
         return False
-    size = np.sqrt(max(float(s.by_fold.sum()), 0.0) / max(now.energy, 1e-12))
-    return size > 0.5 * problem.channel.model_error or s.hypothesis.term is not None or s.hypothesis.local
+    size, h = np.sqrt(max(float(s.by_fold.sum()), 0.0) / max(now.energy, 1e-12)), s.hypothesis
+    in_part = h.placed or not h.scope.whole  # It may touch some places, trucks, or hours only
+    return size > 0.5 * problem.channel.model_error or h.term is not None or in_part
 
 
 def _on_edge(problem: Problem, now: Joint, apart: bool = False) -> list[Hypothesis]:
@@ -371,33 +349,3 @@ def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
         return 6 if last else kind, j.score - EDGE * bool(h.knobs and h.physics and h.physics.nominal)
 
     return sorted(ranked, key=order)
-
-
-def _at_junctions(problem: Problem, now: Joint, joint: Joint) -> bool:
-    """Whether a field stands out mostly beside junctions, as no pattern may, and the rest does not count:
-    there it is not told from how they are crossed, nor from where within them another effect begins."""
-    h, term = joint.chosen[-1], joint.chosen[-1].physics
-    cells = problem.channel.cells(term) if term is not None and h.field and not h.waits else None
-    if term is None or not isinstance(cells, Stretches):
-        return False
-    passes = problem.channel.passes(term)
-    deviation = np.where(passes > 0, joint.model.fields[term.name], 0.0)
-    large = np.abs(deviation) >= LARGE * np.abs(deviation).max(initial=0.0)
-    weight = passes * deviation**2 * large
-    kept = weight[cells.inner(large, np.sign(deviation), REACH)].sum() / max(float(weight.sum()), 1e-12)
-    rest = size_of(problem, now, joint).verified * np.sqrt(kept) if kept < OWN else np.inf
-    return bool(rest < problem.channel.place_error)
-
-
-def _counts(problem: Problem, h: Hypothesis, size: Size, material: float) -> bool:
-    """Whether an effect is material, and beyond the model's own error by what unseen trips confirm of it."""
-    if h.placed:
-        return size.verified >= problem.channel.place_error
-    own = problem.channel.model_error
-    if not h.knobs:
-        return size.share >= max(material, own) and size.verified >= own
-    # Tolerances may say most of a number, so that unseen trips confirm a small part of a large effect; of a
-    # false number they confirm a small part of a small one.  An error that is alike in all trucks and hours
-    # takes nothing away between them.
-    between = problem.channel.steady and not h.scope.whole
-    return size.share >= material and (between or size.share * size.verified >= own**2)

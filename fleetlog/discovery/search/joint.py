@@ -92,14 +92,12 @@ def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
     patterns: dict[Hypothesis, int] = {}
     for atom, step in zip(joint.design.atoms, joint.fitted.beta, strict=True):
         if atom.knob is not None:
-            own = atom.knob
-            steps[own] = steps.get(own, 0.0) + float(step)
+            steps[atom.knob] = steps.get(atom.knob, 0.0) + float(step)
             far = max(far, abs(float(step)) * np.sqrt(atom.precision))
-        elif atom.owner is not None and atom.owner.term is not None:
-            h = atom.owner
+        elif (h := atom.owner) is not None and h.term is not None:
             i = patterns[h] = patterns.get(h, -1) + 1
             shape = h.patterns[i].weights if h.patterns else problem.channel.cells(h.physics).root[:, i]
-            fields[atom.owner.term] = fields.get(atom.owner.term, 0.0) + float(step) * shape
+            fields[h.term] = fields.get(h.term, 0.0) + float(step) * shape
     model = joint.model.moved(steps)
     for h in joint.chosen:
         for knob, value in h.shapes.items():

@@ -105,10 +105,6 @@ class Normal:
     moment: Floats
     square: Floats
 
-    def loss(self, beta: Floats, fold: int) -> float:
-        """Return the weighted sum of squares that is left of a fold."""
-        return float(self.square[fold] - 2.0 * beta @ self.moment[fold] + beta @ self.gram[fold] @ beta)
-
 
 def stiff(gram: Floats, prior: Prior) -> Floats:
     """Return (k, k) products with the precision of a prior; what nothing speaks for gets a trace of one."""
@@ -173,5 +169,8 @@ def cross_validated(n: Normal, prior: Prior) -> Fitted:
     """Fit on all folds, and on all but each."""
     gram, moment = n.gram.sum(axis=0), n.moment.sum(axis=0)
     beta = solve(gram, moment, prior)
-    unseen = (solve(gram - g, moment - m, prior, beta) for g, m in zip(n.gram, n.moment, strict=True))
-    return Fitted(beta, np.array([n.loss(b, k) for k, b in enumerate(unseen)]), prior.penalty(beta))
+    losses = []
+    for g, m, square in zip(n.gram, n.moment, n.square, strict=True):
+        unseen = solve(gram - g, moment - m, prior, beta)
+        losses.append(square - 2.0 * unseen @ m + unseen @ g @ unseen)
+    return Fitted(beta, np.array(losses), prior.penalty(beta))

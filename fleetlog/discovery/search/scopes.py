@@ -4,7 +4,7 @@ The products of a number's column are summed by truck and by slot of time.  Thos
 them, so that all sets of trucks that stand out, all begins and ends, and a drift are compared at once."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,7 @@ from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
 from fleetlog.discovery.model import Knob, Scope
 from fleetlog.discovery.recording.blocks import Windows
 from fleetlog.discovery.search.beside import Added, Beside, Screened
-from fleetlog.discovery.search.design import Atom, Design, make_design, of_hypothesis
+from fleetlog.discovery.search.design import Design, make_design, of_hypothesis
 from fleetlog.discovery.search.joint import Joint, said
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
@@ -77,22 +77,34 @@ class Column:
         return gains / self.unit, paid
 
 
-@dataclass(frozen=True)
 class Slotted:
-    """Products of J columns, see :class:`Column`, and of the model's K coefficients, now at ``beta``."""
+    """Products of J columns that are tried, see :class:`Column`, and of a model's K coefficients."""
 
-    edges: Floats
-    gram: Floats
-    moment: Floats
-    cross: NDArray[np.float32]
-    along: Floats
-    own: Floats
-    prior: Prior
-    beta: Floats
-    knobs: tuple[Knob | None, ...]
-    unit: float
-    by_class: bool  # Whether the model has a value for each class, of trips or days
-    _models: dict[bytes, Beside] = field(default_factory=dict, repr=False)
+    def __init__(self, problem: Problem, now: Joint, tried: Sequence[Hypothesis]) -> None:
+        fleet, atoms, folds = problem.channel.fleet, now.design.atoms, problem.settings.folds
+        vehicles, k, j = len(fleet.vehicles), len(atoms), len(tried)
+        slots = _slots(vehicles)
+        shape = folds, vehicles, slots
+        self.edges, self.beta, self.unit = fleet.moments(slots), now.fitted.beta, 2.0 * problem.noise.design
+        self.gram, self.moment = np.zeros((folds, k, k)), np.zeros((folds, k))
+        # Sums of the search itself are of columns in single precision; there are many of these.
+        self.cross, (self.along, self.own) = np.zeros((*shape, j, k), np.float32), np.zeros((2, *shape, j))
+        for slot, w, base, new, left in _rows(problem, now, tried, self.edges):
+            code = (problem.split.slow_fold(w) * vehicles + w.vehicle) * slots + slot
+            for c in np.unique(code):
+                at, rows = np.unravel_index(c, shape), code == c
+                b, n, r = base[rows], new[rows], left[rows]
+                self.gram[at[0]] += b.T @ b
+                self.moment[at[0]] += b.T @ r
+                self.cross[at] += n.T @ b
+                self.along[at] += n.T @ r
+                self.own[at] += np.einsum("ij,ij->j", n, n)
+        self.knobs = tuple(a.knob for a in atoms)
+        # The values of classes (of trips or days) of a free curve
+        classes = [bool(a.owner and a.owner.curve and a.owner.curve.classes) for a in atoms]
+        free = (replace(a, precision=0.0) if of else a for a, of in zip(atoms, classes, strict=True))
+        self.prior, self.by_class = Design(tuple(free)).prior, any(classes)
+        self._models: dict[bytes, Beside] = {}
 
     def column(self, j: int, loose: Knob | None = None) -> Column:
         """Return one column; the model's coefficients on a bound stay, but those of the ``loose`` number."""
@@ -128,11 +140,17 @@ class Slotted:
 
 def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
     """Return each number at its best for a kind of trucks, a part of the time, and one truck's part."""
-    if not (numbers := _numbers(now, screened)):
+    # Every number of the fleet whose changes are not in the model yet, in its most likely shape
+    taken = {k.fleet for h in now.chosen for k in h.knobs if k.scope.timed}
+    numbers: dict[Knob, Hypothesis] = {}
+    for h in (s.hypothesis for s in screened):
+        if len(h.knobs) == 1 and h.scope.whole and h.knobs[0] not in taken:
+            numbers.setdefault(h.knobs[0], h)
+    if not numbers:
         return []
-    s = _slotted(problem, now, numbers)
+    s = Slotted(problem, now, list(numbers.values()))
     out = []
-    for j, h in enumerate(numbers):
+    for j, h in enumerate(numbers.values()):
         alone, cost = s.loosened(h.knobs[0])
         for column, scope, weight in _likely(s, j, h.knobs[0]):
             if column.left(weight) < (OWN if s.by_class else DISTINCT):
@@ -151,7 +169,7 @@ def narrowed(problem: Problem, now: Joint, joint: Joint) -> Hypothesis | None:
     if not (h.field or h.patterns) or h.term is None or h.term in {c.term for c in now.chosen}:
         return None
     shape = Pattern(joint.model.fields[h.term].tobytes(), "as found")
-    s = _slotted(problem, now, [Hypothesis(h.term, patterns=(shape,))])
+    s = Slotted(problem, now, [Hypothesis(h.term, patterns=(shape,))])
     every = tuple(range(len(problem.channel.fleet.vehicles)))
     return replace(h, when=max(_parts(s.column(0), s.edges, every), key=lambda p: p[0])[1])
 
@@ -218,16 +236,6 @@ def _roads(cells: Cells) -> tuple[Pattern, ...]:
     return tuple(Pattern(((at >= a) & (at < b)).astype(float).tobytes(), "road") for a, b in spans)
 
 
-def _numbers(now: Joint, screened: Sequence[Screened]) -> list[Hypothesis]:
-    """Every number of the fleet whose changes are not in the model yet, in its most likely shape."""
-    taken = {k.fleet for h in now.chosen for k in h.knobs if k.scope.timed}
-    best: dict[Knob, Hypothesis] = {}
-    for h in (s.hypothesis for s in screened):
-        if len(h.knobs) == 1 and h.scope.whole and h.knobs[0] not in taken:
-            best.setdefault(h.knobs[0], h)
-    return list(best.values())
-
-
 def _rows(
     problem: Problem, now: Joint, tried: Sequence[Hypothesis], edges: Floats
 ) -> Iterator[tuple[Ints, Windows, Floats, Floats, Floats]]:
@@ -245,41 +253,8 @@ def _rows(
         yield slot, w, base, new, (unit.recorded - modelled)[use] * root[:, 0]
 
 
-def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slotted:
-    vehicles, folds = len(problem.channel.fleet.vehicles), problem.settings.folds
-    slots = _slots(vehicles)
-    edges = problem.channel.fleet.moments(slots)
-    k, j, groups = len(now.design.atoms), len(numbers), folds * vehicles * slots
-    gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
-    # Sums of the search itself are of columns in single precision; there are many of these.
-    cross, along, own = np.zeros((groups, j, k), np.float32), np.zeros((groups, j)), np.zeros((groups, j))
-    for slot, w, base, new, left in _rows(problem, now, numbers, edges):
-        code = (problem.split.slow_fold(w) * vehicles + w.vehicle) * slots + slot
-        for c in np.unique(code):
-            rows = code == c
-            b, n, r = base[rows], new[rows], left[rows]
-            gram[c // (vehicles * slots)] += b.T @ b
-            moment[c // (vehicles * slots)] += b.T @ r
-            cross[c] += n.T @ b
-            along[c] += n.T @ r
-            own[c] += np.einsum("ij,ij->j", n, n)
-    beta, shape = now.fitted.beta, (folds, vehicles, slots, j)
-    prior = Design(tuple(replace(a, precision=0.0) if _is_class(a) else a for a in now.design.atoms)).prior
-    return Slotted(
-        edges, gram, moment, cross.reshape(*shape, k), along.reshape(shape), own.reshape(shape), prior, beta,
-        tuple(a.knob for a in now.design.atoms),
-        2.0 * problem.noise.design, any(_is_class(a) for a in now.design.atoms),
-    )  # fmt: skip
-
-
 def _slots(vehicles: int) -> int:
     return int(np.clip(GROUPS // vehicles, 12, SLOTS))
-
-
-def _is_class(atom: Atom) -> bool:
-    """Whether it is the value of one class (a trip) of a free curve."""
-    curve = atom.owner.curve if atom.owner is not None else None
-    return curve is not None and bool(curve.classes)
 
 
 def _likely(s: Slotted, j: int, knob: Knob) -> list[tuple[Column, Scope, Floats]]:

@@ -1,6 +1,7 @@
 """Legs: what a truck drives from one standstill to the next, as nodes along its path; and how fast it can."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -139,10 +140,8 @@ def joined(parts: list[Leg]) -> Leg:
         return parts[0]
     begin = np.cumsum([0, *(len(p.distance) for p in parts)])
     base = np.cumsum([0.0, *(p.distance[-1] + 1e-6 for p in parts)])
-    stops = {
-        int(b) - 1: float(after.path.time[0] - p.path.time[-1])
-        for b, p, after in zip(begin[1:], parts, parts[1:], strict=False)
-    }
+    stood = (float(after.path.time[0] - p.path.time[-1]) for p, after in pairwise(parts))
+    stops = dict(zip((begin[1:-1] - 1).tolist(), stood, strict=True))
     return Leg(
         np.concatenate([p.distance + b for p, b in zip(parts, base, strict=False)]),
         join([p.path for p in parts]),

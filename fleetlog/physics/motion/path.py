@@ -150,7 +150,11 @@ def track_of(rows: Rows) -> Track:
     jerk = np.full(len(t), noise.jerk)
     mx, my = (smooth(Observed(t, v, nan, rest, link), noise, jerk).mean for v in (x, y))
     pace, h = np.hypot(mx[:, 1], my[:, 1]), np.diff(t)
-    heading = _held_heading(mx[:, 1], my[:, 1], pace > HELD)
+    heading = np.zeros(len(t))
+    if len(moving := np.flatnonzero(pace > HELD)):
+        # At a standstill that of the last motion, at first that of the next.
+        last = np.maximum(np.searchsorted(moving, np.arange(len(t)), side="right") - 1, 0)
+        heading = np.unwrap(np.arctan2(my[:, 1], mx[:, 1])[moving])[last]
     # The length of the cubic from row to row, by Simpson's rule over its speed.
     middle = (1.5 * np.diff(m[:, 0]) - 0.25 * h * (m[1:, 1] + m[:-1, 1]) for m in (mx, my))
     step = np.append(0.0, (h * (pace[1:] + pace[:-1]) + 4.0 * np.hypot(*middle)) / 6.0)
@@ -159,14 +163,6 @@ def track_of(rows: Rows) -> Track:
     slow = rest | (pace < HELD)
     turn = np.where(slow[1:] | slow[:-1] | rows.breaks[1:], 0.0, np.diff(heading))
     return Track(np.cumsum(step), ahead, heading, np.append(0.0, np.cumsum(turn)))
-
-
-def _held_heading(vx: Floats, vy: Floats, moves: Mask) -> Floats:
-    """Direction of motion, unwrapped; at a standstill that of the last motion, at first that of the next."""
-    if not len(moving := np.flatnonzero(moves)):
-        return np.zeros(len(vx))
-    last = np.maximum(np.searchsorted(moving, np.arange(len(vx)), side="right") - 1, 0)
-    return np.asarray(np.unwrap(np.arctan2(vy, vx)[moving])[last])
 
 
 def follow(network: Network | None, rows: Rows, track: Track | None, radius: float) -> Path:
@@ -233,16 +229,13 @@ def _vertices(network: Network, v: Visits) -> tuple[Arcs, Floats, Mask]:
     a, b = (p[last] - p[last - 1])[:, :2].T, (p[begin + 1] - p[begin])[:, :2].T
     between = np.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
     angle = np.append(network.turn[k], between)
-    leg = np.append(
-        np.minimum(d[k] - d[k - 1], d[k + 1] - d[k]),
-        np.minimum(d[last] - d[last - 1], d[begin + 1] - d[begin]),
-    )
+    before = np.append(d[k] - d[k - 1], d[last] - d[last - 1])
+    leg = np.minimum(before, np.append(d[k + 1] - d[k], d[begin + 1] - d[begin]))
     where = np.append(v.origin[visit] + d[k], v.origin[joins])
     # A corner is rounded as far as the next one allows, however finely the straights between are drawn.
     length, own = network.length, v.edge[visit]
-    room = np.append(
-        np.minimum(d[k], length[own] - d[k]), np.minimum(length[v.edge[joins - 1]], length[v.edge[joins]])
-    )
+    room = np.append(d[k], length[v.edge[joins - 1]])
+    room = np.minimum(room, np.append(length[own] - d[k], length[v.edge[joins]]))
     order = np.argsort(where, kind="stable")
     sharp = order[np.abs(angle[order]) > SLIGHT]
     gap = np.diff(where[sharp], prepend=-np.inf, append=np.inf)
