@@ -67,7 +67,8 @@ def statement(term: Term, parameters: list[Parameter], where: Told, scope: Told)
     given: dict[str, Any] = {p.name: p for p in parameters}
     for p in term.parameters:
         given.setdefault(p.name, Parameter(p.name, p.neutral, p.neutral, p.neutral, p.unit, p.neutral))
-    of_each = [term.by_name[p.name].sentence or term.sentence for p in parameters if p.name in term.by_name]
+    own = [term.by_name[p.name] for p in parameters if p.name in term.by_name]
+    of_each = [p.sentence or term.sentence for p in own if not p.shape]
     if all(said := of_each or [term.sentence]):
         first, *more = dict.fromkeys(said)
         text = "; ".join([first, *(m[:1].lower() + m[1:] for m in more)]).format(where=place(where), **given)
@@ -113,7 +114,8 @@ def _named(depends_on: Sequence[str]) -> str:
 def onward(f: Finding, name: Callable[[str], str] = str) -> str:
     """Return what cannot be told from a finding, or that unseen trips do not confirm it, and what would."""
     if f.not_excluded:
-        others = ", ".join(name(n) for n in f.not_excluded)
+        parts = [(n, n.removeprefix("unknown(").removesuffix(")").split(",")) for n in f.not_excluded]
+        others = ", ".join(f"something that follows {_named(s)}" if [n] != s else name(n) for n, s in parts)
         return f"These data cannot tell it from {others}. To tell them apart: {f.needs or 'record more'}."
     if (f.evidence.get("held_out_gain") or 0.0) < 0.0:
         return "The trips held out do not confirm it: record more there before you act on it."
