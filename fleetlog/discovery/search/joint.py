@@ -232,7 +232,9 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     gained = float((now.losses - joint.losses).sum())
     if h.knobs:  # Tolerances may say most of a number in its place: what that costs them speaks for it, too
         gained = max(gained, now.score - joint.score + problem.price(h))
-    gained = 2.0 * problem.noise.design * max(gained, 0.0)
+    # Of what is confirmed so much is of the windows touched, by the squares of what the effect says of all.
+    said_there = float((weight * size**2)[touched].sum()) / float((weight * size**2)[there > 0.0].sum())
+    gained = 2.0 * problem.noise.design * max(gained, 0.0) * said_there
     verified = np.sqrt(gained / max(float((weight * energy**2)[touched].sum()), 1e-12))
     return Size(float(size[touched].sum() / max(float(energy[touched].sum()), 1e-12)), float(verified))
 
