@@ -15,6 +15,7 @@ from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
 Told = dict[str, Any] | None  # A place or a scope as the contract writes it; None of all
+DOUBTFUL = 0.05  # A finding that trips held out contradict with more chance than this is not confirmed
 VARIABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 
@@ -117,7 +118,8 @@ def onward(f: Finding, name: Callable[[str], str] = str) -> str:
         parts = [(n, n.removeprefix("unknown(").removesuffix(")").split(",")) for n in f.not_excluded]
         others = ", ".join(f"something that follows {_named(s)}" if [n] != s else name(n) for n, s in parts)
         return f"These data cannot tell it from {others}. To tell them apart: {f.needs or 'record more'}."
-    if (f.evidence.get("held_out_gain") or 0.0) < 0.0:
+    # Time lost to others is told from other windows than the error after it: there chance decides.
+    if (f.evidence.get("held_out_gain") or 0.0) < 0.0 and not (f.evidence.get("p_value") or 1.0) < DOUBTFUL:
         return "The trips held out do not confirm it: record more there before you act on it."
     # Where nothing else can be done, what to do says it.
     return f"To go on: {f.needs}." if f.needs and f.needs[1:] not in advice(f) else ""
