@@ -147,7 +147,9 @@ class EnergyChannel(Channel):
             return np.zeros(c.count)
         line = network.position(np.maximum(m.edge, 0), m.edge_offset)
         apart = np.where(m.edge >= 0, np.hypot(m.x - line[:, 0], m.y - line[:, 1]), 0.0)
-        height = np.sqrt(2.0) * (surveyed + apart * np.sqrt(np.mean(m.slope**2)))
+        drives = ~_at_rest(c)
+        steep = np.sqrt((drives * m.slope**2).sum() / max(drives.sum(), 1))
+        height = np.sqrt(2.0) * (surveyed + apart * steep) * drives
         return np.asarray(1e-3 * (self.fleet.truck.chassis.mass + m.payload) * GRAVITY * height)
 
     def _likely_power(self, c: Cut, between: Between) -> Floats:
