@@ -158,9 +158,10 @@ def _counting(
     count goes to ``slight``."""
     worth = [j for j in ranked if j.chosen[-1] not in rivals]
     own, least = problem.channel.model_error, problem.settings.material
-    curves = [o for o in ranked if o.chosen[-1].curve and verified(now, o) >= own]
-    sizes = {o.chosen[-1]: size_of(problem, now, o) for o in curves}
-    untold = [o for o in curves if not finish.counts(problem, o.chosen[-1], sizes[o.chosen[-1]], least)]
+    curves = [o for o in ranked if o.chosen[-1].curve]
+    sizes = {o.chosen[-1]: size_of(problem, now, o) for o in curves if verified(now, o) >= own}
+    told = {h for h, size in sizes.items() if finish.counts(problem, h, size, least)}
+    untold = [o for o in curves if o.chosen[-1] not in told]
     for joint in _by_simplicity(problem, worth):
         if now.score - joint.score < problem.settings.evidence or on_bound(problem, joint):
             continue
