@@ -224,17 +224,16 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
         return np.abs(np.stack([effect, unit.recorded, unit.level, weight, there]))[:, unit.whole]
 
     size, energy, level, weight, there = np.concatenate([seen(u) for u in problem.training()], axis=1)
-    touched = there > 0.0
-    if h.placed:
-        touched &= size > problem.settings.material * level
+    acts, power = there > 0.0, weight * size**2
+    touched = acts & (size > problem.settings.material * level) if h.placed else acts
     if not touched.any():
         return Size(0.0, 0.0)
     gained = float((now.losses - joint.losses).sum())
     if h.knobs:  # Tolerances may say most of a number in its place: what that costs them speaks for it, too
         gained = max(gained, now.score - joint.score + problem.price(h))
     # Of what is confirmed so much is of the windows touched, by the squares of what the effect says of all.
-    said_there = float((weight * size**2)[touched].sum()) / float((weight * size**2)[there > 0.0].sum())
-    gained = 2.0 * problem.noise.design * max(gained, 0.0) * said_there
+    part = float(power[touched].sum() / power[acts].sum()) if h.placed else 1.0
+    gained = 2.0 * problem.noise.design * max(gained, 0.0) * part
     verified = np.sqrt(gained / max(float((weight * energy**2)[touched].sum()), 1e-12))
     return Size(float(size[touched].sum() / max(float(energy[touched].sum()), 1e-12)), float(verified))
 
