@@ -62,6 +62,21 @@ class BayMaker:
         near = self.lanes_near(place.x, place.y)
         return self._kept(place, self._nearest(place, near, True) or self._nearest(place, near, False))
 
+    def on_road(self, place: Place) -> Bay | None:
+        """A spot on the road, the nearest one, where others pass who stands; None where one stands already."""
+        t, spots, taken = self.track, list[tuple[float, float, int, float]](), [b.door.path for b in self.bays]
+        for gap, lane, at in self.lanes_near(place.x, place.y):
+            on = float(np.clip(at, *span(t, self.junctions, lane)))
+            spots.append((gap + abs(on - at), gap, lane, on))
+        for _, gap, lane, on in sorted(spots):
+            heading = float(t.heading[t.first[lane] + round(on / t.spacing[lane])])
+            stand = Stand(place.x, place.y, heading, False)
+            door = door_beside(t, self.junctions, self.truck, stand, [(gap, lane, on)])
+            if door and all(np.hypot(*(p[-1] - door.path[-1])[:2]) > 2.0 * self.half[0] for p in taken):
+                self.bays.append(Bay(place, door, False))
+                return self.bays[-1]
+        return None
+
     def along(self, lane: int, at: float, place: Place) -> Bay | None:
         """A bay exactly at ``at`` on ``lane``, or None."""
         return self._kept(place, self._try(place, lane, at, 0.0, False))
@@ -172,6 +187,10 @@ def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], s
         notes += [told] if k.any() else []
     for why in dict.fromkeys(out.values()):
         notes.append(f"places left out, {why}: {listed([repr(p) for p in out if out[p] == why])}")
+    on_road = [repr(b.place.id) for b in maker.bays if b.door.passed and b.place.id not in maker.stands]
+    if on_road:
+        there = "trucks stand on the road there, and others pass"
+        notes.append(f"no room beside the road at {listed(on_road)}: {there}")
     notes += _drawn(site, maker, spots)
     room = sum(b.place.kind != "charge" for b in maker.bays)
     if vehicles > room - 1:
@@ -192,6 +211,8 @@ def _at_place(maker: BayMaker, place: Place, lanes: Ints, mined: bool) -> str | 
         return "which cannot be reached from the others and left again"
     if mined:
         return "which the recording shows where there is no room for a truck beside the road"
+    if not made and place.kind != "charge" and maker.on_road(place) is not None:
+        return None
     what = f"no room for a truck of {maker.truck.chassis.length:g} m beside the road at place {place.id!r}"
     raise SiteError(what, do="move the place to a longer stretch of road, or away from its neighbours")
 
