@@ -1,5 +1,6 @@
 """What is said about chosen sites: how far, against what, how stable, how many plugs; a plan simulated."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +20,12 @@ from fleetlog.store import Dataset
 
 DRAWS = 200
 MOST = 4  # Sites in the first sentence
+MORE_CHARGE = 0.05  # Who does less ends with more charge: by less than this, it is no gain
+DEMANDS = {
+    "urgency": "standing time of trucks below 50 % charge, the emptier the more",
+    "standing": "standing time of trucks", "visits": "visits of trucks", "rank": "the rank by traffic",
+    "loading": "changes of the load",
+}  # fmt: skip
 
 
 def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
@@ -79,17 +86,24 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
     })  # fmt: skip
 
 
-def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
-    """The answer for the terminal."""
+def lines_of(s: dict[str, Any], sites: pd.DataFrame, dropped: Sequence[str] = ()) -> list[str]:
+    """The answer for the terminal; the plan has no use for the chargers that are ``dropped``."""
     unit, r, b, st = s["unit"], s["reach"], s["baselines"], s["stability"]
     loading = s["demand"] == "loading"
     need = ["" if loading else count(n, "plug") for n in sites["plugs"]]
     rows: list[Any] = list(sites.assign(need=need).itertuples())
-    new = [row.vertex if loading else f"{row.vertex} ({row.need})" for row in rows if not row.existing]
+    new = [
+        f"({row.x:.0f}, {row.y:.0f}) m (vertex {row.vertex}{f', {row.need}' if row.need else ''})"
+        for row in rows
+        if not row.existing
+    ]
     more = [count(len(new) - MOST, "more place")] if len(new) > MOST else []
     what = "Place pick and drop spots" if loading else "Install chargers"
-    out = [f"{what} at {listed([*new[:MOST], *more])}."] if new else []
+    out = _against(s["check"]) if "check" in s else []
+    first = f"The plan was: {what[0].lower()}{what[1:]}" if out else what
+    out += [f"{first} at {listed([*new[:MOST], *more])}."] if new else []
     out += [f"Keep {row.existing} ({row.need} needed)." for row in rows if row.existing]
+    out += [f"{listed(dropped)} {'are' if dropped[1:] else 'is'} not needed for it."] if dropped else []
     out += [
         f"  {row.site}: {row.existing or row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves "
         f"{percent(row.served_share)} of the demand{'' if loading else ', '}{row.need}"
@@ -97,16 +111,28 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
     out.append(
-        f"Trucks are {r['mean']:.1f} {unit} from the nearest site on average (95 % of the demand: at most "
-        f"{r['p95']:.1f} {unit}); from random sites {b['random']['mean']:.1f} {unit}, from the busiest "
-        f"junctions {b['hottest']['mean']:.1f} {unit}."
-        + (f" This choice is {gap}." if s["method"] == "pmedian" else "")
+        f"The demand ({DEMANDS[s['demand']]}) is {r['mean']:.1f} {unit} from the nearest site on average, 95 % "
+        f"of it at most {r['p95']:.1f} {unit}; from random sites {b['random']['mean']:.1f} {unit}, from the "
+        f"busiest junctions {b['hottest']['mean']:.1f} {unit}."
+        + (f" By {s['metric']} to the demand this choice is {gap}." if s["method"] == "pmedian" else "")
     )
     if st["runs"]:
         mean, worst = percent(st["mean_kept_share"]), percent(st["worst_kept_share"])
         left = st["left_out"].replace("vehicle", "truck")
         out.append(f"The plan without one {left} keeps {mean} of the sites on average, {worst} at worst.")
     return out + (_check_lines(s["check"]) if "check" in s else []) + [f"Note: {n}." for n in s["notices"]]
+
+
+def _against(c: dict[str, Any]) -> list[str]:
+    """What to do where the simulated plan is worse than what is there; nothing where it is not."""
+    change = {name: c["after"][name] - value for name, value in c["before"].items() if name != "notes"}
+    fewer, longer = -change["tasks_done"], change["waiting_for_plug_h"]
+    gains = fewer < 0 or change["soc_end_mean"] > MORE_CHARGE or change["empty_trucks"] < 0
+    if gains or (not fewer and longer < 0.05):
+        return []
+    do = "Keep the chargers as they are" if c["before"]["plugs"] else "Install no chargers there"
+    what = f"do {count(fewer, 'task')} fewer" if fewer else f"cost {longer:.1f} h more of waiting for a plug"
+    return [f"{do}: in the check the planned ones {what}."]
 
 
 def _check_lines(c: dict[str, Any]) -> list[str]:
@@ -122,7 +148,7 @@ def _check_lines(c: dict[str, Any]) -> list[str]:
             f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
             f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
             f"{r['waiting_for_plug_h']:.1f} h waiting for a plug; {count(r['empty_trucks'], 'truck')} empty; "
-            f"{r['tasks_done']} of {count(r['tasks_given'], 'task')} done"
+            f"{r['tasks_done']:,} of {count(r['tasks_given'], 'task')} done"
             for r, name in ((before, "present"), (after, "planned"))
         ),
     ]
