@@ -31,7 +31,7 @@ class BayMaker:
         from fleetlog.simulate.kernels.geometry import PASSED, SAFE, new_cells, put
 
         self.track, self.junctions, self.truck, self.side = track, junctions, truck, side
-        self.stands, self.half = stands, half_box(truck)
+        self.given, self.stands, self.half = stands, dict(stands), half_box(truck)
         lanes = len(track.network)
         self._lane_tree = cKDTree(np.column_stack([track.x, track.y])[: track.first[lanes]])
         self.radii = [share * truck.chassis.turn_radius for share in SHARES]
@@ -63,19 +63,12 @@ class BayMaker:
         return self._kept(place, self._nearest(place, near, True) or self._nearest(place, near, False))
 
     def on_road(self, place: Place) -> Bay | None:
-        """A spot on the road, the nearest one, where others pass who stands; None where one stands already."""
-        t, spots, taken = self.track, list[tuple[float, float, int, float]](), [b.door.path for b in self.bays]
-        for gap, lane, at in self.lanes_near(place.x, place.y):
-            on = float(np.clip(at, *span(t, self.junctions, lane)))
-            spots.append((gap + abs(on - at), gap, lane, on))
-        for _, gap, lane, on in sorted(spots):
-            heading = float(t.heading[t.first[lane] + round(on / t.spacing[lane])])
-            stand = Stand(place.x, place.y, heading, False)
-            door = door_beside(t, self.junctions, self.truck, stand, [(gap, lane, on)])
-            if door and all(np.hypot(*(p[-1] - door.path[-1])[:2]) > 2.0 * self.half[0] for p in taken):
-                self.bays.append(Bay(place, door, False))
-                return self.bays[-1]
-        return None
+        """A bay at the nearest spot on the road itself, where others pass who stands."""
+        t, j, near = self.track, self.junctions, self.lanes_near(place.x, place.y)
+        rows = [int(t.first[e] + round(np.clip(at, *span(t, j, e)) / t.spacing[e])) for _, e, at in near]
+        k = min(rows, key=lambda k: float(np.hypot(t.x[k] - place.x, t.y[k] - place.y)))
+        self.stands[place.id] = Stand(float(t.x[k]), float(t.y[k]), float(t.heading[k]), False)
+        return self.place(place)
 
     def along(self, lane: int, at: float, place: Place) -> Bay | None:
         """A bay exactly at ``at`` on ``lane``, or None."""
@@ -187,10 +180,8 @@ def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], s
         notes += [told] if k.any() else []
     for why in dict.fromkeys(out.values()):
         notes.append(f"places left out, {why}: {listed([repr(p) for p in out if out[p] == why])}")
-    on_road = [repr(b.place.id) for b in maker.bays if b.door.passed and b.place.id not in maker.stands]
-    if on_road:
-        there = "trucks stand on the road there, and others pass"
-        notes.append(f"no room beside the road at {listed(on_road)}: {there}")
+    if on_road := [repr(p) for p in maker.stands if p not in maker.given]:
+        notes.append(f"no room beside the road at {listed(on_road)}: trucks stand on it there, others pass")
     notes += _drawn(site, maker, spots)
     room = sum(b.place.kind != "charge" for b in maker.bays)
     if vehicles > room - 1:
