@@ -99,7 +99,8 @@ def chargers(
         "vertex": network.node_ids, "x": x, "y": y, "heat_share": weighed.share, "rank": weighed.ranks,
         "demand_share": weighed.weight / weighed.weight.sum(),
     }).sort_values("rank", ascending=False, ignore_index=True)  # fmt: skip
-    shapes, lines = _shapes(dataset, sites, summary), lines_of(summary, sites)
+    dropped = [p.id for p in present if not any(p in own for own in near)]
+    shapes, lines = _shapes(dataset, sites, summary), lines_of(summary, sites, dropped)
     return Result("chargers", summary, {"vertices": vertices}, {"sites": sites}, shapes, lines)
 
 

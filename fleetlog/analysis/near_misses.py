@@ -96,8 +96,9 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     if not len(table):
         return [f"No near miss between two trucks ({rule})."]
     pairs = table.groupby(["vehicle_a", "vehicle_b"]).size().sort_values(ascending=False, kind="stable")
-    a, b = pairs.index[0]
-    most = f"; {pairs.iloc[0]} of them between {a} and {b}" if pairs.iloc[0] > 1 else ""
+    (a, b), top = pairs.index[0], int(pairs.iloc[0])
+    few = f"no pair has more than {top} ({a} and {b})"
+    most = f"; {few if 5 * top < len(table) else f'{top:,} of them between {a} and {b}'}" if top > 1 else ""
     return [f"{count(len(table), 'near miss', 'near misses')} between two trucks ({rule}){most}."]
 
 

@@ -35,6 +35,7 @@ STATES = (
     "no_data",
 )  # fmt: skip
 """``driving``, and ``standing`` (handling or waiting), are of trucks whose log has neither load nor forks."""
+UNTOLD = {"driving": " (load unknown)", "standing": " (handling or waiting)"}
 OF_ACTIVITY = {
     "drive_empty": "driving_empty", "drive_laden": "driving_laden", "wait": "waiting",
     "wait_place": "waiting", "wait_charger": "waiting", "pick": "handling", "drop": "handling",
@@ -64,9 +65,9 @@ def utilisation(dataset: Dataset) -> Result:
     known = float(total.drop("no_data").sum())
     shares = {s: float(total[s] / known) if known else None for s in STATES if s != "no_data"}
     summary = {"hours": {s: float(total[s]) for s in STATES}, "shares": shares}
-    said = listed([f"{s.replace('_', ' ')} {percent(v)}" for s, v in shares.items() if v and v >= 0.005])
+    said = listed([f"{s} {percent(v)}{UNTOLD.get(s, '')}" for s, v in shares.items() if v and v >= 0.005])
     nothing = "No truck has two rows: there is no time to divide."
-    lines = [f"{known:.1f} truck hours: {said}." if known else nothing]
+    lines = [f"{known:.1f} truck hours: {said.replace('_', ' ')}." if known else nothing]
     if len(hours) > 1 and total["idle"]:
         idle = hours["idle"] / hours.drop(columns="no_data").sum(axis=1).clip(lower=1e-9)
         lines.append(f"{idle.idxmax()} is idle most: {percent(idle.max())} of its time.")

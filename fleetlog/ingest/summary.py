@@ -15,10 +15,11 @@ from fleetlog.store.trips import Columns, contents_of, trips_of
 
 MOST_PACES = 50
 DERIVED = {
-    "x": "positions are placed between the fixes before and after", "speed": "speeds come from the positions",
-    "heading": "headings come from the positions", "battery_power": "powers are voltage times current",
+    "x": [f"position{are} placed between the fixes before and after" for are in (" is", "s are")],
+    **{n: [f"{n}{come} from the positions" for come in (" comes", "s come")] for n in ("speed", "heading")},
+    "battery_power": ["power is voltage times current", "powers are voltage times current"],
 }  # fmt: skip
-"""Columns of which values that a log does not have are made from others, and how."""
+"""Columns of which values that a log does not have are made from others, and how: one, many."""
 NOTES = {
     "stuck": "{:,} values of speed, power or current are not taken: their sensor was stuck",
     "held": "{:,} rows repeat a position while the truck moves: placed between the fixes by the distance "
@@ -146,7 +147,7 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     filled = sum((o.filled for o in outcomes), Counter[str]())
     summary.filled = dict(sorted((+filled).items()))
     why = "(unknown in the log, or rejected)"
-    summary.notes += [f"{n:,} {DERIVED[name]} {why}" for name, n in summary.filled.items()]
+    summary.notes += [f"{count(n, *DERIVED[name])} {why}" for name, n in summary.filled.items()]
     found: dict[str, tuple[Any, ...]] = {kind: (number,) for kind, number in counts.items() if number}
     if unit := suspect_unit(paces[:MOST_PACES]):
         found["pace"] = unit[::-1]

@@ -31,7 +31,7 @@ class BayMaker:
         from fleetlog.simulate.kernels.geometry import PASSED, SAFE, new_cells, put
 
         self.track, self.junctions, self.truck, self.side = track, junctions, truck, side
-        self.stands, self.half = stands, half_box(truck)
+        self.given, self.stands, self.half = stands, dict(stands), half_box(truck)
         lanes = len(track.network)
         self._lane_tree = cKDTree(np.column_stack([track.x, track.y])[: track.first[lanes]])
         self.radii = [share * truck.chassis.turn_radius for share in SHARES]
@@ -61,6 +61,14 @@ class BayMaker:
                 return self.bays[-1]
         near = self.lanes_near(place.x, place.y)
         return self._kept(place, self._nearest(place, near, True) or self._nearest(place, near, False))
+
+    def on_road(self, place: Place) -> Bay | None:
+        """A bay at the nearest spot on the road itself, where others pass who stands."""
+        t, j, near = self.track, self.junctions, self.lanes_near(place.x, place.y)
+        rows = [int(t.first[e] + round(np.clip(at, *span(t, j, e)) / t.spacing[e])) for _, e, at in near]
+        k = min(rows, key=lambda k: float(np.hypot(t.x[k] - place.x, t.y[k] - place.y)))
+        self.stands[place.id] = Stand(float(t.x[k]), float(t.y[k]), float(t.heading[k]), False)
+        return self.place(place)
 
     def along(self, lane: int, at: float, place: Place) -> Bay | None:
         """A bay exactly at ``at`` on ``lane``, or None."""
@@ -172,6 +180,8 @@ def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], s
         notes += [told] if k.any() else []
     for why in dict.fromkeys(out.values()):
         notes.append(f"places left out, {why}: {listed([repr(p) for p in out if out[p] == why])}")
+    if on_road := [repr(p) for p in maker.stands if p not in maker.given]:
+        notes.append(f"no room beside the road at {listed(on_road)}: trucks stand on it there, others pass")
     notes += _drawn(site, maker, spots)
     room = sum(b.place.kind != "charge" for b in maker.bays)
     if vehicles > room - 1:
@@ -192,6 +202,8 @@ def _at_place(maker: BayMaker, place: Place, lanes: Ints, mined: bool) -> str | 
         return "which cannot be reached from the others and left again"
     if mined:
         return "which the recording shows where there is no room for a truck beside the road"
+    if not made and place.kind != "charge" and maker.on_road(place) is not None:
+        return None
     what = f"no room for a truck of {maker.truck.chassis.length:g} m beside the road at place {place.id!r}"
     raise SiteError(what, do="move the place to a longer stretch of road, or away from its neighbours")
 

@@ -106,7 +106,7 @@ def like(
     turns = recorded_turns(dataset, site.roads())
     site = replace(site, network=with_turns(site.roads(), turns))
     kinds = ", ".join(f"{n} {k}" for k, n in table.kind.value_counts().items())
-    found, stops = count(len(table), "place"), count(len(stands), "recorded stop")
+    found, stops, asked = count(len(table), "place"), count(len(stands), "recorded stop"), list[str]()
     notes = [f"{found} found from {stops} ({kinds})"]
     if turns:
         notes.append(f"trucks turn round at the end of {count(len(turns), 'lane')}, as recorded")
@@ -114,15 +114,15 @@ def like(
     told, trucks = sum(bool(np.isfinite(load).any()) for load in loads), len(dataset.vehicles)
     if 0 < told < trucks:
         what = "they carry none here" if same else "they are taken to carry as much as the others"
-        notes.append(f"{trucks - told} of {trucks} trucks tell no loads: {what}")
+        asked.append(f"{trucks - told} of {trucks} trucks log no loads: {what}")
     chargers = [p.id for p in site.places if p.kind == "charge"]
     visits = visits_of(stands, cluster, names, chargers, driven_edges(dataset, stands))
     if same and any(v.next >= 0 for v in visits):
-        notes.append(f"trucks choose their next place as after {count(len(visits), 'recorded visit')}")
-        return site, Demand(visits=visits, stands=along, endless=False), notes
+        asked.append(f"trucks choose their next place as after {count(len(visits), 'recorded visit')}")
+        return site, Demand(visits=visits, stands=along, endless=False, notes=asked), notes
     if not (known := carried(stands, cluster, names)):
-        notes.append("the recording shows no load carried between two places: tasks are random")
-        return site, Demand(), notes
+        asked.append("the recording shows no load carried between two places: tasks are random")
+        return site, Demand(notes=asked), notes
     day = float(start % 86_400_000_000) * 1e-6
     share = vehicles / max(told, 1)
     at, last = (t * 1e-6 for t in dataset.span or (0, 0))
@@ -130,8 +130,8 @@ def like(
     lasted = np.diff(np.clip(3600.0 * hour, at, last)) / 3600.0
     hours = np.bincount(hour[:-1].astype(int) % 24, lasted, 24).astype(np.float64)
     tasks = demand_like(known, hours, day, duration, share, truck, seed)
-    notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
-    return site, Demand(tasks, endless=False), notes
+    asked.append(f"{len(tasks):,} tasks drawn like the {len(known):,} recorded ones")
+    return site, Demand(tasks, endless=False, notes=asked), notes
 
 
 def visits_of(

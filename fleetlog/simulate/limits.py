@@ -184,12 +184,12 @@ class Summary:
     def lines(self) -> list[str]:
         """For the terminal."""
         c, hours = self.count, {k: round(s / 3600.0, 2) for k, s in self.limits.waiting_s.items()}
-        later = f", {c.tasks_later} due after the end" if c.tasks_later else ""
+        later = f", {c.tasks_later:,} due after the end" if c.tasks_later else ""
         kinds = ", ".join(f"{kind} {h:.2f}" for kind, h in hours.items())
         out = [
             f"{number(self.vehicles, 'truck')}, {self.duration_s / 3600.0:.2f} h, {number(self.rows, 'row')},"
             f" {self.distance_m / 1000.0:.1f} km",
-            f"tasks: {c.tasks_done} done of {c.tasks_given}, {self.unfinished} not finished{later}",
+            f"tasks: {c.tasks_done:,} done of {c.tasks_given:,}, {self.unfinished:,} not finished{later}",
             f"energy: {self.energy_wh / 1000.0:.2f} kWh used, {self.charged_wh / 1000.0:.2f} kWh charged in "
             + number(c.charges, "visit"),
             f"waiting: {sum(hours.values()):.2f} truck hours ({kinds})",

@@ -120,7 +120,7 @@ def _one_more(scenario: Scenario, before: Summary, scarce: Resource) -> dict[str
         return {"what": what, "statement": f"{what}: there is no room for it beside the road"}
     done, waiting = after.count.tasks_done, after.waiting_s
     waits = before.limits.task_wait_s["mean"], after.limits.task_wait_s["mean"]
-    statement = f"{what}: {count(done, 'task')} done instead of {before.count.tasks_done}, "
+    statement = f"{what}: {count(done, 'task')} done instead of {before.count.tasks_done:,}, "
     statement += f"{waiting / 3600.0:.2f} truck hours of waiting instead of {before.waiting_s / 3600.0:.2f}"
     if max(waits) > 0.0:
         statement += f", tasks wait {waits[1]:.0f} s instead of {waits[0]:.0f} s"

@@ -18,6 +18,7 @@ from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels
 from fleetlog.core.truck import Truck
+from fleetlog.core.words import count
 from fleetlog.errors import InputError, nearest
 from fleetlog.simulate.doors import Stand
 from fleetlog.store.events import Columns
@@ -76,6 +77,7 @@ class Demand:
     visits: tuple[Visit, ...] = ()
     """Of a recorded fleet: each truck goes on as recorded ones did, and nothing else is asked of it."""
     stands: Mapping[str, Stand] = field(default_factory=dict)  # By place: trucks stood along the road
+    notes: list[str] = field(default_factory=list)  # How it came about
     left_out: list[Task] = field(default_factory=list)
     """Given ones that cannot be done: there is no room at one of their places."""
 
@@ -96,7 +98,7 @@ def endless_tasks(seed: int, truck: Truck, places: int, pause: float) -> Iterato
         yield Task(None, "", "", load, 0.0, dwell, height, ranks=rng.random(places), pause=rest)
 
 
-def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0, start: int = 0) -> list[Task]:
+def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0, start: int = 0) -> Demand:
     """Tasks of a CSV whose columns are ``COLUMNS``, or of an export but those whose place to go to is open;
     ``start`` of the simulation [us]. :class:`InputError` names the line at fault."""
     path, data, place = Path(path), read_whole(Path(path), SETTINGS), "line 1"
@@ -113,13 +115,14 @@ def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0, start:
             raise InputError(f"has no column {min(missing)!r}", do=known)
         for row in reader:
             place = f"line {reader.line_num}"
-            if row["to"] or "status" not in row:
-                tasks.append(_task(row, site, truck, rng, start))
+            tasks += [_task(row, site, truck, rng, start) if row["to"] or "status" not in row else None]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"not readable as CSV: {error}", where=path, do="write UTF-8 text") from None
     except InputError as error:
         raise InputError(error.what, where=path, place=place, do=error.do) from None
-    return sorted(tasks, key=lambda t: t.earliest)
+    note = f"left out, no place to go to was chosen yet: {count(tasks.count(None), 'task')}"
+    given = sorted(filter(None, tasks), key=lambda t: t.earliest)
+    return Demand(given, endless=False, notes=[note] if None in tasks else [])
 
 
 def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generator, start: int) -> Task:

@@ -138,23 +138,22 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     # Where the size of the fleet varies, the tasks are those of the recorded fleet.
     recorded = len(like.vehicles) if like else 8
     vehicles = asked.vehicles if isinstance(asked.vehicles, int) else recorded
-    start, demand, notes, driven = asked.start, Demand(), list[str](), truck
+    start, demand, driven, (notes, untold) = asked.start, Demand(), truck, (list[str](), list[str]())
     own = {p.id for p in site.places}
     if like is not None:
         # Another fleet than the recorded one shares the tasks in its own way.
         same = vehicles == recorded and not asked.varies
         driven, untold = recorded_drivers(like, truck) if same else (truck, [])
         site, demand, notes = demands.like(like, site, truck, vehicles, start, asked.duration, seed, same)
-        notes += untold
     if asked.tasks is not None:
-        demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed, start), endless=False)
+        demand = read_tasks(inputs.as_csv(asked.tasks), site, truck, seed, start)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
     settings = Settings(
         vehicles, asked.duration, asked.step, 1.0 / asked.rate, start, seed, asked.soc,
         asked.temperature, Policy.named(asked.policy, asked.charge_below), battery,
     )  # fmt: skip
     mined = frozenset(p.id for p in site.places) - own
-    return Scenario(site, driven, settings, demand, asked.physics, mined), notes
+    return Scenario(site, driven, settings, demand, asked.physics, mined), [*notes, *demand.notes, *untold]
 
 
 def _mission(asked: Asked, writer: DatasetWriter) -> Told:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fleetlog.analysis.chargers import chargers
+from fleetlog.analysis.placement.report import lines_of
 from fleetlog.errors import ArgumentError, DataError
 
 
@@ -81,3 +82,23 @@ def test_falling_back_is_said_aloud(fleet, tmp_path):
             w.write(t.with_columns(soc=np.ones(len(t))))
     s = chargers(Dataset(tmp_path / "d"), k=2).summary
     assert s["demand"] == "standing" and "50 %" in s["notices"][0]
+
+
+def test_a_plan_that_its_check_shows_to_be_worse_is_not_advised(fleet):
+    """The first line is the answer: what is there is kept, unless the plan does more or leaves more charge."""
+    r = chargers(fleet, k=3)
+    run = {"plugs": 2, "soc_lowest": 0.2, "soc_mean": 0.5, "waiting_for_plug_h": 7.0, "empty_trucks": 0}
+    before = run | {"soc_end_mean": 0.52, "tasks_given": 1373, "tasks_done": 976}
+
+    def told(tasks, charge):
+        after = before | {"tasks_done": tasks, "soc_end_mean": charge}
+        check = {"vehicles": 8, "hours": 8.0, "soc_start": 0.6, "before": before, "after": after}
+        return lines_of(r.summary | {"check": check}, r.places["sites"], ["charger-2"])
+
+    worse = told(894, 0.48)
+    assert worse[0] == "Keep the chargers as they are: in the check the planned ones do 82 tasks fewer."
+    assert worse[1].startswith("The plan was to install chargers at (")
+    assert "charger-2 is not needed for it." in worse
+    for better in (told(1100, 0.48), told(970, 0.7)):
+        assert better[0].startswith("Install chargers at (") and "(vertex n" in better[0]
+    assert any(line.startswith("The demand (standing below 50 % charge) is ") for line in worse)

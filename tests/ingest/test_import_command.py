@@ -296,8 +296,9 @@ def driven(rows: int, blank: dict[str, set[int]]) -> list[str]:
         ({"x": {*range(20, 90)}, "y": {*range(20, 90)}}, {}, 70),
         ({"speed": {*range(1, 100)}}, {"speed": 99}, 0),
         ({"battery_power": {5, 6, 50}}, {"battery_power": 3}, 0),
+        ({"speed": {7}}, {"speed": 1}, 0),
     ],
-    ids=["none", "short gap", "long gap", "speed", "power"],
+    ids=["none", "short gap", "long gap", "speed", "power", "one"],
 )
 def test_values_that_a_log_lacks_are_counted_where_they_are_made(
     tmp_path: Path, blank: dict[str, set[int]], filled: dict[str, int], unknown: int
@@ -309,6 +310,7 @@ def test_values_that_a_log_lacks_are_counted_where_they_are_made(
     assert summary["filled"] == filled and summary["derived"] == ["heading"]
     told = [note for note in summary["notes"] if "unknown in the log, or rejected" in note]
     assert [int(note.split()[0]) for note in told] == list(filled.values())
+    assert all(note.startswith("1 speed comes from") for note in told if note.split()[0] == "1")
     assert int(np.isnan(Dataset(tmp_path / "out").read("A").floats("x")).sum()) == unknown
     assert "blanks about vehicle ids are left out, as of ' A'" in summary["files"][0]["notes"]
 

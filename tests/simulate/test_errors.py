@@ -33,6 +33,17 @@ def test_an_unreachable_place(simulated):
     assert "cannot be reached" in one_line(error)
 
 
+def test_a_place_without_room_beside_the_road_is_served_on_it(simulated):
+    """So many places at one spot that no bay is left for the last ones."""
+    edges = road("a", "p", "q", np.array([[0.0, 0.0], [60.0, 0.0]]))
+    places = (place(1, "drop", 50, 3), *(place(n, "pick", 15.0, 1.0) for n in range(1, 40)))
+    site = Site("road", network=build_network(edges), places=places)
+    task = Task(None, "pick39", "drop1", 100.0, 0.0)
+    summary = simulated(site, 1, 400.0, demand=Demand([task], endless=False)).summary
+    assert any("no room beside the road at" in n and "'pick39'" in n for n in summary.notes)
+    assert summary.count.tasks_done == 1
+
+
 @pytest.mark.parametrize("count", [0, -3])
 def test_no_vehicles(simulated, count):
     with pytest.raises(DataError) as error:
@@ -98,7 +109,9 @@ def test_exported_tasks_are_the_same_tasks(tmp_path):
         "2,T1,pick1,,700,2026-01-05T06:02:00Z,assigned\n"
     )
     start = 1_767_592_800_000_000
-    assert read_tasks(exported, site, TRUCK, 3, start) == read_tasks(plain, site, TRUCK, 3)
+    found, same = read_tasks(exported, site, TRUCK, 3, start), read_tasks(plain, site, TRUCK, 3)
+    assert found.given == same.given and not same.notes
+    assert found.notes == ["left out, no place to go to was chosen yet: 1 task"]
     with pytest.raises(InputError, match="line 3"):
         read_tasks(exported, site, TRUCK, 3, start + 1_000_000)
 

@@ -19,6 +19,7 @@ from fleetlog.store import Dataset
 
 DRAWS = 200
 MOST = 4  # Sites in the first sentence
+DEMANDS = {"urgency": "standing below 50 % charge", "standing": "standing time", "loading": "changes of load"}
 
 
 def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
@@ -79,42 +80,48 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
     })  # fmt: skip
 
 
-def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
-    """The answer for the terminal."""
+def lines_of(s: dict[str, Any], sites: pd.DataFrame, dropped: list[str]) -> list[str]:
+    """The answer for the terminal; the plan has no use for the chargers that are ``dropped``."""
     unit, r, b, st = s["unit"], s["reach"], s["baselines"], s["stability"]
-    loading = s["demand"] == "loading"
-    need = ["" if loading else count(n, "plug") for n in sites["plugs"]]
+    loading, demand = s["demand"] == "loading", DEMANDS.get(s["demand"], s["demand"])
+    need = ["" if loading else f", {count(n, 'plug')}" for n in sites["plugs"]]
     rows: list[Any] = list(sites.assign(need=need).itertuples())
-    new = [row.vertex if loading else f"{row.vertex} ({row.need})" for row in rows if not row.existing]
+    new = [f"({v.x:.0f}, {v.y:.0f}) m (vertex {v.vertex}{v.need})" for v in rows if not v.existing]
     more = [count(len(new) - MOST, "more place")] if len(new) > MOST else []
-    what = "Place pick and drop spots" if loading else "Install chargers"
-    out = [f"{what} at {listed([*new[:MOST], *more])}."] if new else []
-    out += [f"Keep {row.existing} ({row.need} needed)." for row in rows if row.existing]
+    out, checked = _check_lines(s["check"]) if "check" in s else ([], [])
+    do = "The plan was to install" if out else "Install"
+    what = "Place pick and drop spots" if loading else f"{do} chargers"
+    out += [f"{what} at {listed([*new[:MOST], *more])}."] if new else []
+    out += [f"Keep {row.existing} ({row.need[2:]} needed)." for row in rows if row.existing]
+    out += [f"{listed(dropped)} {'are' if dropped[1:] else 'is'} not needed for it."] if dropped else []
     out += [
         f"  {row.site}: {row.existing or row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves "
-        f"{percent(row.served_share)} of the demand{'' if loading else ', '}{row.need}"
+        f"{percent(row.served_share)} of the demand{row.need}"
         for row in rows
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
     out.append(
-        f"Trucks are {r['mean']:.1f} {unit} from the nearest site on average (95 % of the demand: at most "
-        f"{r['p95']:.1f} {unit}); from random sites {b['random']['mean']:.1f} {unit}, from the busiest "
+        f"The demand ({demand}) is {r['mean']:.1f} {unit} from the nearest site on average, 95 % of it at "
+        f"most {r['p95']:.1f} {unit}; from random sites {b['random']['mean']:.1f} {unit}, from the busiest "
         f"junctions {b['hottest']['mean']:.1f} {unit}."
-        + (f" This choice is {gap}." if s["method"] == "pmedian" else "")
+        + (f" By {s['metric']} to it this choice is {gap}." if s["method"] == "pmedian" else "")
     )
     if st["runs"]:
         mean, worst = percent(st["mean_kept_share"]), percent(st["worst_kept_share"])
         left = st["left_out"].replace("vehicle", "truck")
         out.append(f"The plan without one {left} keeps {mean} of the sites on average, {worst} at worst.")
-    return out + (_check_lines(s["check"]) if "check" in s else []) + [f"Note: {n}." for n in s["notices"]]
+    return out + checked + [f"Note: {n}." for n in s["notices"]]
 
 
-def _check_lines(c: dict[str, Any]) -> list[str]:
+def _check_lines(c: dict[str, Any]) -> tuple[list[str], list[str]]:
     before, after = c["before"], c["after"]
     time = f"{c['hours']:g} h" if c["hours"] >= 1.0 else f"{60.0 * c['hours']:.0f} min"
     more = after["tasks_done"] - before["tasks_done"]
     tasks = f"{count(abs(more), 'task')} {'more' if more > 0 else 'fewer'}" if more else "as many tasks"
-    return [
+    # Who does less ends with more charge: a little more is no gain.
+    worse = more < 0 and after["soc_end_mean"] - before["soc_end_mean"] < 0.05
+    against = [f"Keep the chargers as they are: in the check the planned ones do {tasks}."] if worse else []
+    return against, [
         f"With the planned chargers the fleet does {tasks} and ends with {percent(after['soc_end_mean'])} "
         f"charge instead of {percent(before['soc_end_mean'])} (simulated: {count(c['vehicles'], 'truck')}, "
         f"{time}, from {percent(c['soc_start'])}).",
@@ -122,7 +129,7 @@ def _check_lines(c: dict[str, Any]) -> list[str]:
             f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
             f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
             f"{r['waiting_for_plug_h']:.1f} h waiting for a plug; {count(r['empty_trucks'], 'truck')} empty; "
-            f"{r['tasks_done']} of {count(r['tasks_given'], 'task')} done"
+            f"{r['tasks_done']:,} of {count(r['tasks_given'], 'task')} done"
             for r, name in ((before, "present"), (after, "planned"))
         ),
     ]
@@ -157,7 +164,7 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Sett
             "tasks_given": s.count.tasks_given, "tasks_done": s.count.tasks_done, "charges": s.count.charges,
             "charged_kwh": s.charged_wh / 1000.0, "driven_km": s.distance_m / 1000.0, "notes": s.notes,
         }  # fmt: skip
-    return out | {"notes": notes}
+    return out | {"notes": [*notes, *demand.notes]}
 
 
 def with_chargers(site: Site, sites: pd.DataFrame) -> Site:
