@@ -37,7 +37,7 @@ def test_json_is_one_object_and_nothing_else(run: Run, tmp_path: Path, road: Pat
         (["import", "log.csv", "-o", "q", "--site", "nope"], 1, "nope"),
         (["import", "nope.csv", "-o", "q"], 1, "no such file"),
         (["import", "empty.csv", "-o", "q"], 1, "empty"),
-        (["import", "header.csv", "-o", "q"], 1, "no usable row"),
+        (["import", "header.csv", "-o", "q"], 1, "has a header and no rows"),
         (["import", "folder", "-o", "q"], 1, "no log in it"),
         (["import", "log.csv", "--site", "log.csv", "-o", "q"], 1, "not a map"),
         (["import", "log.csv", "--profile", "semicolon.toml", "-o", "q"], 1, "delimiter"),

@@ -402,7 +402,7 @@ def test_the_page_of_an_experiment_needs_nothing_from_outside(experiment, tmp_pa
     for line in experiment.lines:  # every cell of the table in the terminal stands on the page
         assert all(cell in tags.text for cell in re.split(r"  +", line.strip()))
     assert experiment.summary["provenance"]["command"] in tags.text
-    for word in ("Bottleneck", "Most tasks are done with vehicles 3", "seed by seed", "sample plant"):
+    for word in ("Bottleneck", "Most tasks are done with vehicles = 3", "seed by seed", "sample plant"):
         assert word in tags.text
 
 
