@@ -55,7 +55,7 @@ class Facts:
     missing: dict[str, str] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=pd.DataFrame)
     energy_from: dict[str, str] = field(default_factory=dict)  # By truck: where its energy comes from
-    charged_unseen: list[str] = field(default_factory=list)  # Trucks charged while their log was silent
+    unseen: list[str] = field(default_factory=list)  # Trucks charged while their log was silent
     left_out: list[str] | None = None  # What the diagnosis says of it, where there was one
     scales: dict[str, Scale] = field(default_factory=dict)  # Of maps that both datasets have
 
@@ -122,10 +122,9 @@ def _ledger(facts: Facts) -> Ledger:
         out = out.drop(columns="near_misses")
     known = out["energy_h"].groupby(level="vehicle_id").transform("sum") > 0.0
     out.loc[~known, ["used_kwh", "charged_kwh"]] = np.nan
-    facts.charged_unseen = [*states.loc[states["charged"] & (states["state"] == "no_data"), "vehicle_id"]]
+    facts.unseen = [*states.loc[states["charged"] & (states["state"] == "no_data"), "vehicle_id"]]
     # Without a truck file, what rose while the log was silent is a share of an unknown capacity.
-    unseen = [] if facts.truck else facts.charged_unseen
-    untold = [*unseen, *(v for v, source in facts.energy_from.items() if source == "model")]
+    untold = [v for v, s in facts.energy_from.items() if s == "model"] + facts.unseen * (facts.truck is None)
     out.loc[out.index.isin(untold, level="vehicle_id"), "charged_kwh"] = np.nan
     # A truck without a load channel shows no tasks: it does not count where tasks are counted.
     loads = out.groupby(level="vehicle_id")["driving_h"].transform("sum") == 0.0

@@ -156,11 +156,8 @@ def rows_of(facts: Sequence[Facts]) -> list[Row]:
     for figure in FIGURES:
         unit = tariff.currency if figure.money and tariff is not None else figure.unit
         rows.append(Row(figure, unit, [figure.of(f.ledger) for f in facts], judged.get(figure)))
-    return [
-        r
-        for r in rows
-        if np.isfinite(r.values).any() or (r.figure.whole and any(f.energy_from for f in facts))
-    ]
+    energy = any(f.energy_from for f in facts)
+    return [r for r in rows if np.isfinite(r.values).any() or (energy and r.figure.whole)]
 
 
 def truck_days(f: Facts) -> pd.DataFrame:

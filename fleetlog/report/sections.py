@@ -197,7 +197,7 @@ def charge(f: Facts) -> Part:
     ends = {"first": soc.bfill().iloc[0], "lowest": soc.min(), "last": soc.ffill().iloc[-1]}
     trucks = pd.DataFrame({**ends, "visits": visits, "hours": hours.sum()}).reindex(f.dataset.vehicles)
     trucks = trucks.fillna({"visits": 0, "hours": 0.0}).reset_index(names="vehicle_id")
-    trucks.loc[trucks["vehicle_id"].isin(f.charged_unseen), "hours"] = np.nan
+    trucks.loc[trucks["vehicle_id"].isin(f.unseen), "hours"] = np.nan
     trucks.loc[trucks["lowest"].isna() & (trucks["visits"] == 0), ["visits", "hours"]] = np.nan
     fleet = {"lowest": soc.min(axis=1), "median": soc.median(axis=1), "highest": soc.max(axis=1)}
     drawn = soc if len(days) <= FEW else pd.DataFrame(fleet)
