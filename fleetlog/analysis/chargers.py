@@ -50,7 +50,7 @@ def chargers(
     metric : what is minimised: driving distance, driving time at the speed limits, or energy of the empty
         truck, which needs --truck.
     shortest : shortest stop in which plugging in is worth it [s].
-    spacing : least distance between sites, for --method spaced [m].
+    spacing : minimum distance between sites, for --method spaced [m].
     radius : reach of a site, for --method cover [m].
     alpha : damping of the rank.
     force : a vertex or place that must be a site; may be repeated.

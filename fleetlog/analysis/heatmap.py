@@ -116,7 +116,7 @@ def _lines(s: dict[str, Any]) -> list[str]:
         energy = f"{s['energy_kwh']:.1f} kWh{part}"
     out = [
         f"The busiest place is at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} truck hours.",
-        f"In all {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of "
+        f"In all, {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of "
         f"{s['cell_m']:g} m, {s['distance_km']:.1f} km, {energy}, {s['standing_hours']:.1f} h standing.",
     ]
     if "by" in s:

@@ -45,14 +45,13 @@ def near_misses(
 ) -> Result:  # fmt: skip
     """Find pairs of trucks that came close to a collision.
 
-    The result has table ``near_misses`` (``TABLE``; s, m/s, m; NaN where an indicator does not apply), in
-    order of time.
+    The result has table ``near_misses`` in order of time (s, m/s, m; NaN: an indicator does not apply).
 
     Parameters
     ----------
     ttc : times to collision below this count [s].
     pet : post-encroachment times below this count [s].
-    closing : least speed at which two trucks approach one another [m/s].
+    closing : minimum speed at which two trucks approach one another [m/s].
     length : length of a truck [m].
     width : width of a truck [m]."""
     found, judged = [pd.DataFrame(columns=list(RAW), dtype=float)], False

@@ -25,7 +25,7 @@ def speeding(
 ) -> Result:
     """Find where and when trucks exceed the limit of the road, or of the zone where that is lower.
 
-    The result has table ``speeding`` (``EVENTS``; s, m/s, m), the longest first; summary with seconds over
+    The result has table ``speeding`` (s, m/s, m), the longest first; summary with seconds over
     the limit and seconds driven where a limit is known.
 
     Parameters

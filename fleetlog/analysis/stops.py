@@ -28,7 +28,7 @@ def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whol
 
     Parameters
     ----------
-    min_visits : least number of visits that makes a place."""
+    min_visits : minimum number of visits that makes a place."""
     stands = find_stands(dataset)
     cluster = clusters(stands, min_visits)
     table = place_table(stands, cluster)

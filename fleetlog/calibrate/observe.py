@@ -118,7 +118,7 @@ def read_runs(path: Path) -> list[Run]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"not readable as a table: {error}", where=path) from None
     if not rows:
-        raise InputError("has no run", where=path, do="write one run a row; docs/energy.md shows how")
+        raise InputError("has no run", where=path, do="write one run per row; docs/energy.md shows how")
     return rows
 
 

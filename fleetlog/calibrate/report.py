@@ -15,7 +15,7 @@ def blind_line(blind: Blind) -> str:
     """What the runs cannot tell, and which run would."""
     held, need = blind.held.words, f"add {blind.held.run}"
     if not blind.companions:
-        return f"These runs show {'too little' if blind.weak else 'nothing'} of {held}: {need}."
+        return f"These runs say {'too little' if blind.weak else 'nothing'} about {held}: {need}."
     return f"These runs cannot tell {held} from {listed([u.words for u, _ in blind.companions])}: {need}."
 
 

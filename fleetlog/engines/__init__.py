@@ -54,9 +54,9 @@ class Engine:
         outcomes = (self if self.pays(cost) else Engine())._done(work, jobs, name, beside)
         for outcome in outcomes:
             if isinstance(outcome, Failure):
-                more = sum(isinstance(o, Failure) for o in outcomes)
+                more = [getattr(o, "what", o) for o in outcomes if isinstance(o, Failure)]
                 if more and isinstance(outcome, FleetlogError):
-                    outcome.do = f"{outcome.do or 'repair it'} ({more} more failed)"
+                    outcome.do = f"{outcome.do or 'repair it'} ({len(more)} more failed: {more[0]})"
                 raise outcome
             yield outcome
 

@@ -165,6 +165,8 @@ def _fits(importer: Importer, path: Path, head: bytes) -> bool:
 def detect(path: Path) -> Importer:
     """The format of ``path``, or an error that says what the file looks like."""
     if (importer := find(path)) is None:
+        if path.is_file() and not path.stat().st_size:
+            raise FormatError("the file is empty", where=path, do="give a log with rows")
         do = f"name it with --format: {', '.join(sorted(importers()))}"
         if path.suffix.lower() in (".xlsx", ".xls", ".ods"):
             do = "save its sheet as CSV"
@@ -178,7 +180,7 @@ def _looks(path: Path) -> str:
     head = head_of(path)
     packed = compression(path)
     if not head:
-        return "nothing in it can be unpacked" if packed else "the file is empty"
+        return "nothing in it can be unpacked"
     kind = "binary" if sum(b < 9 or 13 < b < 32 for b in head) > 0.02 * len(head) else "text"
     return f"{kind}, {count(path.stat().st_size, 'byte')}{', ' + packed if packed else ''}"
 

@@ -96,7 +96,9 @@ def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:
         raise InputError("no position and no speed in the log", where=where, do=do)
     counts = sum((r.rejects.rows for r in reads), Counter[str]())
     why = f" (refused: {reasons(dict(counts.most_common(3)))})" if counts else ""
-    raise InputError(f"no usable row in the log{why}", where=where, do="see docs/logs.md")
+    bare = not counts and {log.importer.name for log in logs if log.importer} == {"csv"}
+    what = "has a header and no rows" if bare else f"no usable row in the log{why}"
+    raise InputError(what, where=where, do="see docs/logs.md")
 
 
 def _aligned(slips: Mapping[str, Sequence[Slip]], site: Site, summary: ImportSummary) -> MapFrame:

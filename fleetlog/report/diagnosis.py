@@ -15,6 +15,9 @@ from fleetlog.listening import progress
 from fleetlog.physics.power import all_terms
 from fleetlog.report.content import Picture, Table, number, render
 from fleetlog.report.facts import Facts
+from fleetlog.report.sections import local_span
+from fleetlog.store import Dataset
+from fleetlog.version import __version__
 from fleetlog.view.palette import scales_of
 from fleetlog.view.picture import svg
 
@@ -48,7 +51,7 @@ def in_short(facts: Facts) -> list[str]:
     return out
 
 
-def diagnosis_page(d: Diagnosis, drawn: Result, site: Site) -> str:
+def diagnosis_page(d: Diagnosis, drawn: Result, site: Site, dataset: Dataset) -> str:
     """``report.html`` of a diagnosis, with the pictures of its result."""
     v = d.verdict
     rows = [[_plain(c.name), c.metric, *map(_share, (c.before, c.after, c.floor))] for c in v.channels]
@@ -57,7 +60,8 @@ def diagnosis_page(d: Diagnosis, drawn: Result, site: Site) -> str:
     untold = [(c.name, c.reason) for c in v.channels if c.reason]
     return render(
         "diagnosis.html", title="Differences between recording and model", lead=[head(v), *_cost(d)],
-        channels=judged, todo=_todo(v.findings, site.timezone or "UTC"),
+        dataset=dataset, version=__version__, span=local_span(Facts("", dataset, site.timezone or "UTC")),
+        site=site.name, channels=judged, todo=_todo(v.findings, site.timezone or "UTC"),
         findings=[(f, onward(f, _plain), _ranking(f), _roads(f)) for f in v.findings],
         pictures=_pictures(drawn, site), notes=v.notes + [f"{_plain(n)}: {why}" for n, why in untold],
     )  # fmt: skip

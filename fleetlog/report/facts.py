@@ -55,6 +55,7 @@ class Facts:
     missing: dict[str, str] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=pd.DataFrame)
     energy_from: dict[str, str] = field(default_factory=dict)  # By truck: where its energy comes from
+    unseen: list[str] = field(default_factory=list)  # Trucks charged while their log was silent
     left_out: list[str] | None = None  # What the diagnosis says of it, where there was one
     scales: dict[str, Scale] = field(default_factory=dict)  # Of maps that both datasets have
 
@@ -100,7 +101,7 @@ def _ledger(facts: Facts) -> Ledger:
     d, results = facts.dataset, facts.results
     over, near = (results[name].places[name] for name in ("speeding", "near_misses"))
     tasks = tasks_done(d)
-    cut = spent.quarters(results["utilisation"].tables["states"])
+    cut = spent.quarters(states := results["utilisation"].tables["states"])
     hours = spent.hours_by_state(cut, cut["vehicle_id"], cut["start"].dt.floor("15min"))
     hours["hours"] = hours.drop(columns="no_data").sum(axis=1)
     hours["moving_h"] = hours[[s for s in spent.STATES if s.startswith("driving")]].sum(axis=1)
@@ -121,6 +122,10 @@ def _ledger(facts: Facts) -> Ledger:
         out = out.drop(columns="near_misses")
     known = out["energy_h"].groupby(level="vehicle_id").transform("sum") > 0.0
     out.loc[~known, ["used_kwh", "charged_kwh"]] = np.nan
+    facts.unseen = [*states.loc[states["charged"] & (states["state"] == "no_data"), "vehicle_id"]]
+    # Without a truck file, what rose while the log was silent is a share of an unknown capacity.
+    untold = [v for v, s in facts.energy_from.items() if s == "model"] + facts.unseen * (facts.truck is None)
+    out.loc[out.index.isin(untold, level="vehicle_id"), "charged_kwh"] = np.nan
     # A truck without a load channel shows no tasks: it does not count where tasks are counted.
     loads = out.groupby(level="vehicle_id")["driving_h"].transform("sum") == 0.0
     powered = loads & known
@@ -174,7 +179,7 @@ def _energy(facts: Facts, tasks: pd.DataFrame) -> Ledger:
     out = consumption(facts.dataset, tasks, facts.truck)
     hours = out["energy_h"].groupby(level="vehicle_id").sum()
     measured = hours.index[hours > 0.0]
-    facts.energy_from = dict.fromkeys(measured, "power")
+    facts.energy_from, out["measured_h"] = dict.fromkeys(measured, "power"), out["energy_h"]
     if "energy" not in facts.results:
         return out
     model = facts.results["energy"].tables["energy_trips"]
@@ -185,7 +190,9 @@ def _energy(facts: Facts, tasks: pd.DataFrame) -> Ledger:
     facts.energy_from |= {str(v): "state of charge" if yes else "model" for v, yes in known.items()}
     out.loc[~out.index.isin(measured, level="vehicle_id"), ["logged_h", "charged_kwh"]] = 0.0
     extra = {"energy_km": model["distance_km"], "energy_h": model["duration_h"], "used_kwh": used,
-             "logged_h": model["duration_h"], "charged_kwh": model["charged_kwh"]}  # fmt: skip
+             "logged_h": model["duration_h"], "charged_kwh": model["charged_kwh"],
+             "measured_h": model["duration_h"].where(gauge.notna()),
+             "modelled_kwh": model["energy_kwh"].where(gauge.isna())}  # fmt: skip
     theirs = _summed("energy_tasks", tasks[tasks["vehicle_id"].isin(model["vehicle_id"])], 1.0)
     return pd.concat([out, theirs, *(_summed(name, model, values) for name, values in extra.items())])
 

@@ -28,6 +28,7 @@ class Figure:
     under: str | None = None
     factor: float = 1.0
     title: bool = False
+    whole: bool = False  # Unknown where it is unknown of a truck
     untold: str | None = None  # A column of time of which the log does not say whether it belongs here
 
     @property
@@ -48,7 +49,8 @@ class Figure:
         if self.top not in ledger or (self.under is not None and self.under not in ledger):
             return float("nan")
         under = 1.0 if self.under is None else float(ledger[self.under].sum())
-        return self.factor * float(ledger[self.top].sum(min_count=1)) / under if under else float("nan")
+        over = float(ledger[self.top].sum(min_count=1, skipna=not self.whole))
+        return self.factor * over / under if under else float("nan")
 
 
 _TABLE = tomllib.loads(Path(__file__).with_name("templates").joinpath("figures.toml").read_text("utf-8"))
@@ -143,7 +145,7 @@ class Row:
 
 
 def rows_of(facts: Sequence[Facts]) -> list[Row]:
-    """Every figure that one of the datasets has; the unit of money is the tariff's."""
+    """Every figure that one of the datasets has or a truck lacks; the unit of money is the tariff's."""
     tariff, found = facts[0].tariff, {}
     if len(facts) == 2:
         a, b = (truck_days(f) for f in facts)
@@ -154,7 +156,8 @@ def rows_of(facts: Sequence[Facts]) -> list[Row]:
     for figure in FIGURES:
         unit = tariff.currency if figure.money and tariff is not None else figure.unit
         rows.append(Row(figure, unit, [figure.of(f.ledger) for f in facts], judged.get(figure)))
-    return [row for row in rows if np.isfinite(row.values).any()]
+    energy = any(f.energy_from for f in facts)
+    return [r for r in rows if np.isfinite(r.values).any() or (energy and r.figure.whole)]
 
 
 def truck_days(f: Facts) -> pd.DataFrame:

@@ -24,6 +24,7 @@ from fleetlog.report.diagnosis import in_short
 from fleetlog.report.facts import Facts, gather
 from fleetlog.report.figures import Row, changes, frame, page_table, rows_of
 from fleetlog.report.sections import SECTIONS, answers, local_span
+from fleetlog.simulate.places import REACH, mined_site
 from fleetlog.store import Dataset
 from fleetlog.store.output import atomic_output
 from fleetlog.version import __version__
@@ -67,6 +68,10 @@ def report(
     if len(set(names)) < len(names):
         names = [f"{n} ({i})" for i, n in enumerate(names, start=1)]
     facts = [gather(Facts(n, d, zone, truck, prices)) for n, d in zip(names, datasets, strict=True)]
+    if len(facts) == 2 and all("stops" in f.results for f in facts):
+        a, b = (f.results["stops"].places["places"] for f in facts)  # a mined place bears one name in both
+        mined = ~b["place"].isin([p.id for p in facts[1].dataset.site.places])
+        b.loc[mined, "place"] = mined_site(mined_site(facts[0].dataset.site, a)[0], b[mined], REACH)[1]
     if diagnosis and truck is not None:
         for f in facts:
             # A simulation leaves out nothing that its model has.

@@ -19,7 +19,7 @@ from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP
 
 S = TypeVar("S", Bars, Grid, EdgeValues)
-ENERGY_SUMS = ("used_kwh", "charged_kwh", "energy_km", "energy_h", "logged_h", "cost", "co2_kg")
+ENERGY_SUMS = ("used_kwh", "charged_kwh", "energy_km", "energy_h", "measured_h", "logged_h", "cost", "co2_kg")
 STEP = 60_000_000  # Of the curves [us]
 FEW = 8  # More curves than this are drawn as lowest, median and highest of the fleet
 CHANNELS = {
@@ -90,7 +90,7 @@ def energy_part(f: Facts) -> Part:
     trucks = f.ledger[keep].groupby(level="vehicle_id").sum(min_count=1).reset_index()
     known = trucks["energy_h"] > 0.0
     trucks["per_km"] = trucks["used_kwh"] / trucks["energy_km"].where(trucks["energy_km"] > 0.01)
-    trucks["known"] = trucks["energy_h"] / trucks["logged_h"].where(trucks["logged_h"] > 0.0)
+    trucks["known"] = trucks["measured_h"] / trucks["logged_h"].where(trucks["logged_h"] > 0.0)
     trucks["source"] = [f.energy_from.get(v, "unknown") for v in trucks["vehicle_id"]]
     money = f" (cost in {f.currency})" if "cost" in trucks else ""
     part = Part([], [table(trucks, "energy", f"Energy by truck{money}")])
@@ -197,6 +197,8 @@ def charge(f: Facts) -> Part:
     ends = {"first": soc.bfill().iloc[0], "lowest": soc.min(), "last": soc.ffill().iloc[-1]}
     trucks = pd.DataFrame({**ends, "visits": visits, "hours": hours.sum()}).reindex(f.dataset.vehicles)
     trucks = trucks.fillna({"visits": 0, "hours": 0.0}).reset_index(names="vehicle_id")
+    trucks.loc[trucks["vehicle_id"].isin(f.unseen), "hours"] = np.nan
+    trucks.loc[trucks["lowest"].isna() & (trucks["visits"] == 0), ["visits", "hours"]] = np.nan
     fleet = {"lowest": soc.min(axis=1), "median": soc.median(axis=1), "highest": soc.max(axis=1)}
     drawn = soc if len(days) <= FEW else pd.DataFrame(fleet)
     curves = {str(name): 100.0 * drawn[name].to_numpy(float) for name in drawn}
@@ -270,8 +272,9 @@ def answers(f: Facts) -> list[str]:
     if values["kwh"] > 0.0:
         k, n = len(f.energy_from), len(f.dataset.vehicles)
         who = "The fleet" if k == n else f"{k} of {trucks} (the energy of the others is unknown)"
-        part = f" in the {of('energy_known')} % of the time for which energy is known"
-        share = "" if values["energy_known"] >= 99.95 else part
+        covered = 100.0 * f.ledger["energy_h"].sum() / f.ledger["logged_h"].sum()
+        share = f" in the {covered:.1f} % of the time for which energy is known" if covered < 99.95 else ""
+        share += f" ({of('modelled_kwh')} kWh of it modelled, not measured)" * (values["modelled_kwh"] > 0.0)
         out.append(f"{who} used {of('kwh')} kWh{share}, {of('kwh_per_km')} kWh per kilometre.")
         told = {"cost": f"cost {of('cost')} {f.currency}", "co2_kg": f"emitted {of('co2_kg')} kg of CO2"}
         if any(values[name] > 0.0 for name in told):

@@ -178,11 +178,11 @@ def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     return out.reset_index(drop=True)
 
 
-def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
+def mined_site(site: Site, table: pd.DataFrame, reach: float = KNOWN) -> tuple[Site, list[str]]:
     """The site with the mined places that it does not have yet; and the place of every row of ``table``."""
     places, names = list(site.places), []
     for first, kind, x, y in table[["place", "kind", "x", "y"]].itertuples(index=False, name=None):
-        if (gaps := [float(np.hypot(p.x - x, p.y - y)) for p in site.places]) and min(gaps) <= KNOWN:
+        if (gaps := [float(np.hypot(p.x - x, p.y - y)) for p in site.places]) and min(gaps) <= reach:
             names.append(site.places[int(np.argmin(gaps))].id)
             continue
         name = str(first)

@@ -202,6 +202,11 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
     tables, rows_told = {"runs": runs, "variants": table}, told_rows(table, [f.name for f in factors])
     wide = [max(map(len, column)) for column in zip(*rows_told, strict=True)]
     lines = ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in rows_told]
+    each = [", ".join(f"{f.name} = {row[f.name]}" for f in factors) for row in table.to_dict("records")]
+    rates, best = table.tasks_per_h, int(table.tasks_per_h.argmax())
+    good = np.flatnonzero(rates + table.tasks_per_h_ci >= rates[best])
+    near = f" As good within the interval: {'; '.join(each[k] for k in good if k != best)}." * (len(good) > 1)
+    lines.append(f"Most tasks are done with {each[best]}: {rates[best]:.1f} per hour.{near}")
     return Result("experiment", summary, tables, {}, _shapes(runs, factors), lines)
 
 

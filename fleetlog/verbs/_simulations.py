@@ -102,7 +102,7 @@ def _experiment(asked: Asked, read: list[Path]) -> Answer:
     from fleetlog.report.content import experiment_page
 
     factors, fleet = list(asked.vary), asked.vehicles
-    with destination(asked.output, "analysis", asked.overwrite, read) as keep:
+    with destination(asked.output, "experiment", asked.overwrite, read) as keep:
         made = [_scenario(asked, seed) for seed in range(asked.seed, asked.seed + asked.runs)]
         for note in made[0][1]:
             notice(note if all(note in notes for _, notes in made) else f"seed {asked.seed}: {note}")

@@ -53,7 +53,7 @@ def diagnose(
         from fleetlog.view.results import write_result_recording
 
         write_diagnosis(found, folder)
-        (folder / "report.html").write_text(diagnosis_page(found, told, place), encoding="utf-8")
+        (folder / "report.html").write_text(diagnosis_page(found, told, place, recording), encoding="utf-8")
         write_result_recording(told, place, folder / "recording.rrd")
 
     discovery.check(channels=channels, terms=terms, without=without)

@@ -46,9 +46,9 @@ def info(path: DatasetLike) -> Answer:
 
 def told(figures: Figures) -> list[str]:
     """What :func:`describe` found, for a person."""
-    kind = figures["kind"]
+    kind = f"{figures.get('recorded', '')} {figures['kind']}".strip()
     head = f"{figures['path']}: {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
-    rest = {k: v for k, v in figures.items() if k not in ("kind", "path", "summary")}
+    rest = {k: v for k, v in figures.items() if k not in ("kind", "path", "summary", "recorded")}
     return [head, *_lines(rest | figures.get("summary", {}))]
 
 
@@ -185,10 +185,10 @@ def _map(path: Path) -> Figures:
     }  # fmt: skip
     if (n := site.network) is None:
         return figures
-    heights = [float(n.points[:, 2].min()), float(n.points[:, 2].max())] if n.has_elevation else None
+    z = [float(n.points[:, 2].min()), float(n.points[:, 2].max())] if n.has_elevation else None
     return figures | {
         "edges": len(n), "nodes": len(n.node_ids), "length_m": float(n.length.sum()),
-        "one_way": int((n.reverse < 0).sum()), "extent_m": [*n.extent], "elevation_m": heights,
+        "one_way": int((n.reverse < 0).sum()), "extent_m": [*np.round(n.extent, 2)], "elevation_m": z,
     }  # fmt: skip
 
 
@@ -198,4 +198,5 @@ def _truck_or_site(path: Path) -> Figures:
         return {"kind": "truck", "path": str(path), **truck_to_dict(load_truck(path))}
     if given & {"network", "frame", "place", "zone", "building"}:
         return _map(path)
-    raise InputError("is neither a truck ([chassis]) nor a site ([network])", where=path, do="see docs")
+    do = "see docs/reference/truck.md or docs/maps.md"
+    raise InputError("is neither a truck ([chassis]) nor a site ([network])", where=path, do=do)

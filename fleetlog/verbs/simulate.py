@@ -20,7 +20,8 @@ def settings_file(given: dict[str, Any], options: dict[str, Option]) -> dict[str
     if given.get("experiment") is None:
         return given
     path, filled = Path(given["experiment"]), dict[str, Any]()
-    table = load_toml(path)
+    if not (table := load_toml(path)):
+        raise InputError("holds no setting", where=path, do="see docs/simulate.md")
     if not isinstance(vary := table.pop("vary", {}), dict):
         raise InputError("is not a table", where=path, place="vary", do="write [vary]")
     if vary:

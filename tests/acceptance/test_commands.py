@@ -36,13 +36,15 @@ def test_json_is_one_object_and_nothing_else(run: Run, tmp_path: Path, road: Pat
         (["import", "log.csv", "-o", "q", "--format", "cvs"], 2, "csv"),
         (["import", "log.csv", "-o", "q", "--site", "nope"], 1, "nope"),
         (["import", "nope.csv", "-o", "q"], 1, "no such file"),
-        (["import", "empty.csv", "-o", "q"], 1, "empty"),
-        (["import", "header.csv", "-o", "q"], 1, "no usable row"),
+        (["import", "empty.csv", "-o", "q"], 1, "the file is empty; give a log with rows"),
+        (["import", "header.csv", "-o", "q"], 1, "has a header and no rows"),
         (["import", "folder", "-o", "q"], 1, "no log in it"),
         (["import", "log.csv", "--site", "log.csv", "-o", "q"], 1, "not a map"),
         (["import", "log.csv", "--profile", "semicolon.toml", "-o", "q"], 1, "delimiter"),
         (["import", "log.csv", "--profile", "broken.toml", "-o", "q"], 1, "TOML"),
         (["info", "empty.csv"], 1, "empty"),
+        (["info", "empty.toml"], 1, "docs/reference/truck.md or docs/maps.md"),
+        (["simulate", "--experiment", "empty.toml", "-o", "q"], 1, "empty.toml: holds no setting"),
         (["info", "folder"], 1, "dry-run"),
     ],
 )
@@ -52,6 +54,7 @@ def test_one_line_says_what_is_wrong(
     log(tmp_path / "log.csv", drive())
     log(tmp_path / "header.csv", [])
     (tmp_path / "empty.csv").touch()
+    (tmp_path / "empty.toml").touch()
     (tmp_path / "folder").mkdir()
     (tmp_path / "semicolon.toml").write_text('delimiter = ";"\n')
     (tmp_path / "broken.toml").write_text("[time\n")

@@ -150,7 +150,7 @@ def test_what_no_run_touches_keeps_its_prior_exactly() -> None:
     held = {e.unknown.key: e for e in found.estimates}["lift.recuperation"]
     assert held.status == "held" and held.value == TRUCK.lift.recuperation
     assert any(
-        "show nothing of lowering recuperation: add lowering runs" in blind_line(b) for b in found.blind
+        "say nothing about lowering recuperation: add lowering runs" in blind_line(b) for b in found.blind
     )
     assert "lift.recuperation" not in {
         p["key"] for p in summary(found)["parameters"] if p["value"] is not None

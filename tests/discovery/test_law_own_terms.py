@@ -111,7 +111,7 @@ class Worn:
 def told(d: Diagnosis, dataset: Dataset, name: str) -> str:
     """The statement about a term, which stands in the page too."""
     (finding,) = [f for f in d.verdict.findings if f.term == name]
-    page = diagnosis_page(d, as_result(d), dataset.site)
+    page = diagnosis_page(d, as_result(d), dataset.site, dataset)
     assert finding.statement.split(" ")[0] in page
     assert as_result(d).shapes
     return finding.statement

@@ -97,7 +97,7 @@ def test_a_truncated_log_gives_what_is_whole(log: Path, tmp_path: Path) -> None:
 
 NOT_LOGS = {
     "empty": (b"", "empty"),
-    "header only": (HEADER.encode(), "no usable row"),
+    "header only": (HEADER.encode(), "has a header and no rows"),
     "binary": (bytes(range(256)) * 200, "no log format fits"),
     "no position": (b"vehicle_id,timestamp,soc\nA,2026-03-02T05:00:00Z,0.5\n", "no position and no speed"),
     "no time": (b"vehicle_id,latitude,longitude\nA,49,9\n", "no time"),

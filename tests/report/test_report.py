@@ -297,6 +297,10 @@ def test_energy_of_some_trucks_is_not_called_that_of_the_fleet(write) -> None:
     assert not {"kwh", "charged_kwh"} & set(none)
     assert "3 of 4 trucks (the energy of the others is unknown) used" in " ".join(report(some).lines)
     assert any(line.startswith("The fleet used") for line in report(every).lines)
+    modelled = report(some, truck="counterbalance-2.5t")
+    assert "kWh of it modelled, not measured" in " ".join(modelled.lines)
+    figures = modelled.summary["datasets"][0]["figures"]
+    assert 0.0 < figures["modelled_kwh"] < figures["kwh"] and figures["energy_known"] < 80.0
     both = [line for line in report([some, every]).lines if "energy is known" in line]
     assert len(both) == 1 and "3 of 4 in" in both[0] and "3 of 3 in" in both[0]
     assert not [line for line in report([every, every]).lines if "energy is known" in line]
@@ -402,7 +406,7 @@ def test_the_page_of_an_experiment_needs_nothing_from_outside(experiment, tmp_pa
     for line in experiment.lines:  # every cell of the table in the terminal stands on the page
         assert all(cell in tags.text for cell in re.split(r"  +", line.strip()))
     assert experiment.summary["provenance"]["command"] in tags.text
-    for word in ("Bottleneck", "Most tasks are done with vehicles 3", "seed by seed", "sample plant"):
+    for word in ("Bottleneck", "Most tasks are done with vehicles = 3", "seed by seed", "sample plant"):
         assert word in tags.text
 
 
