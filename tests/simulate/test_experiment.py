@@ -110,7 +110,7 @@ def test_shares_are_ratios_in_tables_and_per_cent_for_people():
         shares = table[[c for c in table if "_share" in c and not c.endswith("_ci")]]
         assert len(shares.columns) and shares.abs().to_numpy().max() <= 1.0
     share = result.tables["variants"].waiting_share.iloc[-1]
-    assert share > 0.001 and f"{100.0 * share:.1f} %" in result.lines[-1]
+    assert share > 0.001 and f"{100.0 * share:.1f} %" in result.lines[-2]
     (drawn,) = (s for s in result.shapes if s.name == "waiting_share")
     assert drawn.y_label.endswith("[%]") and drawn.curves[""][-1].tolist() == pytest.approx([100.0 * share])
 
