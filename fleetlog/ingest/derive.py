@@ -97,11 +97,11 @@ def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None)
     vy, ey = _slopes(t[have], y[have], first, last)
     fast = np.hypot(vx, vy)
     moving = fast > np.maximum(STANDING, 2.0 * np.minimum(np.hypot(ex, ey), 1.0))
-    _without_drift(t[have], np.stack([x, y])[:, have], moving)
-    if logged is not None:
-        # A log's own speed knows better whether the truck stands.
-        own = logged[have]
-        moving = np.where(np.isnan(own), moving, (own > STANDING) & (fast > STANDING))
+    own = np.full(len(have), np.nan) if logged is None else logged[have]
+    if (untold := np.isnan(own)).any():
+        _without_drift(t[have], np.stack([x, y])[:, have], moving)
+    # A log's own speed knows better whether the truck stands.
+    moving = np.where(untold, moving, (own > STANDING) & (fast > STANDING))
     speed[have] = np.minimum(np.where(moving, fast, 0.0), MAX_SPEED)
     speed[have[first == last]] = np.nan
     heading[have] = np.where(moving, np.arctan2(vy, vx), np.nan)
@@ -210,10 +210,11 @@ def release_held(rows: Trajectory) -> Trajectory:
     t = rows.seconds()
     moved = np.nan_to_num(rows.floats("speed")) * np.diff(t, prepend=t[:1]) > MOVED
     same, row = (np.diff(x, prepend=np.nan) == 0) & (np.diff(y, prepend=np.nan) == 0), np.arange(len(t))
-    if not (moved & same).any() or (moved & same).sum() < HELD_SHARE * moved.sum():
+    frozen = moved & same
+    if not frozen.any() or frozen.sum() < HELD_SHARE * moved.sum():
         return rows
     # Once it has moved, where it stands is not known either.
-    last, begin = (np.maximum.accumulate(np.where(which, row, 0)) for which in (moved & same, ~same))
+    last, begin = (np.maximum.accumulate(np.where(which, row, 0)) for which in (frozen, ~same))
     held = same & (last > begin)
     rows = set_unknown(rows, held, *(name for name in ("x", "y", "z") if name in rows))
     return rows.with_columns(**{HELD: np.nan_to_num(rows.floats(HELD)) + held})

@@ -86,10 +86,6 @@ class EnergyChannel(Channel):
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
         coarse = (self.charge_step * 3.6 * self.fleet.truck.battery.capacity_wh) ** 2 / 6.0
         e = self.evaluation(block, self.base)
-        if self.name == "battery_power":  # Who stands, and draws next to nothing of what is due, is off
-            due = c.energy(e.power)
-            rounded_up = due > 0.75e-3 * self.power_step * frame.duration
-            whole &= ~(_at_rest(c) & rounded_up & (np.abs(energy) < OFF * due))
         noise = np.full(c.count, coarse)
         if not self.measured:
             assert known is not None
@@ -98,6 +94,9 @@ class EnergyChannel(Channel):
         swing = np.ones(c.count) if self.name == "soc" else np.maximum(jumps(c, e), LEAST_SWING)
         # Measured power errs where it is large by chance: how noisy a window is must not hang on that.
         level = c.energy((replace(e, measured=None) if self.measured else e).power)
+        if self.name == "battery_power":  # Who stands, and draws next to nothing of what is due, is off
+            rounded_up = level > 0.75e-3 * self.power_step * frame.duration
+            whole &= ~(_at_rest(c) & rounded_up & (np.abs(energy) < OFF * level))
         fold = self.split.fold(frame)
         return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, fold, c)
 
@@ -120,7 +119,8 @@ class EnergyChannel(Channel):
             change = self._thinned(unit, self.fleet.thinned(unit.own.block.vehicle, rows))
             changed += float((change[use] ** 2).sum())
             size += float((unit.recorded[use] ** 2).sum())
-            beside += float((self._beside_the_line(unit.own, settings.heights)[use] ** 2).sum())
+            if not (flat or self.measured):
+                beside += float((self._beside_the_line(unit.own, settings.heights)[use] ** 2).sum())
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
         if final and self.measured and hidden**2 > DILUTED:
             fit = learn(self, replace(self, measured=False), [s[:2] for s in seen], hidden, settings.evidence)
@@ -129,7 +129,7 @@ class EnergyChannel(Channel):
         # Power that is measured at moments errs more by chance than what is told from the motion.
         alike = (0.5 if self.measured and self.between is None else 1.0) * settings.alike
         self.model_error = max(settings.model_error, alike * hidden)
-        self.off_height = 0.0 if flat or self.measured or not size else float(np.sqrt(beside / size))
+        self.off_height = float(np.sqrt(beside / size)) if size > 0.0 else 0.0
         self.place_error = settings.gathers * self.model_error + self.off_height
         hunted = self._hunted(seen)
         self.errors += [replace(RIPPLE, road=r) for r in hunted]
@@ -143,8 +143,7 @@ class EnergyChannel(Channel):
         """(W,) kJ that heights of both ends of a window add which the map has not: it is ``surveyed`` so well
         [m], and ground falls across as much as along, so who drives beside its line is as much higher."""
         m, network = c.motion[c.middle], self.fleet.network
-        if network is None:
-            return np.zeros(c.count)
+        assert network is not None
         line = network.position(np.maximum(m.edge, 0), m.edge_offset)
         apart = np.where(m.edge >= 0, np.hypot(m.x - line[:, 0], m.y - line[:, 1]), 0.0)
         drives = ~_at_rest(c)
