@@ -134,6 +134,7 @@ def _hidden(e: Explained) -> list[str]:
     if e.slight is not None:
         h, share = e.slight
         notes.append(f"{channel.name}: {words.slight(h.term, h.depends_on, share, settings.material)}")
+    notes += [f"{channel.name}: {words.unseen(h.depends_on)}" for h in e.unseen]
     return notes
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
+from scipy.special import ndtr
 
 from fleetlog.core.arrays import Floats
 from fleetlog.core.words import percent
@@ -26,6 +27,8 @@ from fleetlog.discovery.settings import Settings
 
 EXCLUDED = 4.0
 """Logarithm of the odds by which an excluded rival must be behind: 55 to 1, about two standard errors."""
+BY_ITSELF = float(ndtr(-1.0))
+"""P-value of what is as large as the model's own error, which is one standard deviation of it."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ class Explained:
     numbers: dict[Knob, Parameter]
     unexplained: bool
     slight: tuple[Hypothesis, float] | None = None  # What is no finding as it moves no more than this share
+    unseen: Sequence[Hypothesis] = ()  # Free curves that unseen trips do not show
     bare: Model | None = None  # What is written, without what was found
     strain: float = 0.0  # Share by which tolerances move the model together, more than by chance
 
@@ -116,6 +120,11 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     without = {h: final.without(h) for h in named}
     fit, judged, rest, lasting = judge(problem, before.model, final, without, beside, pair, asked.share)
     values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
+    # A free curve says no more than that something is left: unseen trips must show it, beyond the model's own
+    # error.
+    doubtful = [h for h in beside if BY_ITSELF < (judged[h].p_value or 0.0) < 1.0]
+    told = [h for h in told if h not in doubtful]
+    beside = {h: beside[h] for h in told if h in beside}
     findings = []
     for h in told:
         where, parameters = _where(problem, found, h, values, numbers, beside)
@@ -149,7 +158,7 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
         if k not in taken and k in final.model.at and k.definition.low < n.value < k.definition.high
     ]  # fmt: skip
     off = strain(sample, final) if channel.bends else 0.0  # How trucks are driven is a habit
-    told_of = order, small, values, numbers, unexplained, found.slight, final.without(*named), off
+    told_of = order, small, values, numbers, unexplained, found.slight, doubtful, final.without(*named), off
     return Explained(problem, before.model, after, fit, *told_of)
 
 

@@ -30,6 +30,8 @@ from run import run
         "speed_scale,site=none,seed=4307",
         # Positions alone, 1 Hz: slight accelerations of a cruise are none (66).
         "grade,site=yard,logger=no_speed,seed=7115,vehicles=6,hours=2.0",
+        # A curve of the acceleration that unseen trips do not show (72).
+        "cornering_resistance+viscous_drag+copper_loss,seed=5046",
     ],
 )  # fmt: skip
 def test_concealed_effects_are_named(name: str, tmp_path: Path) -> None:

@@ -108,6 +108,11 @@ def slight(term: str | None, depends_on: Sequence[str], share: float, least: flo
     return f"{what} is more than chance, but moves only {moved}; findings begin at {percent(least)}"
 
 
+def unseen(depends_on: Sequence[str]) -> str:
+    """Return the sentence of a mismatch that is no finding: trips that nothing has read do not show it."""
+    return f"some trips differ by what depends on {_named(depends_on)}, but the trips held out do not show it"
+
+
 def _named(depends_on: Sequence[str]) -> str:
     return " and ".join(s for s in (VARIABLES.get(d, d.replace("_", " ")) for d in depends_on) if s)
 
