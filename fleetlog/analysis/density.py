@@ -83,7 +83,7 @@ def density(
     steps["critical"] = steps["mean_speed"] < speed
     tables = {"episodes": table, "tasks": _task_table(dataset, watched, rows), "clusters": steps}
     places = {"areas": areas} if len(areas) else {}
-    shapes = [*_shapes(network, watched, clusters, areas, rows, over_time)]
+    shapes = [*_shapes(network, watched, clusters, areas, rows, over_time, rule)]
     result = Result("density", summary, tables, places, shapes, _lines(summary, areas))
     return settled(result, dataset, "Congestion", "delay_s", "episodes")
 
@@ -176,7 +176,8 @@ def _task_table(dataset: Dataset, watched: Watched, s: pd.DataFrame) -> pd.DataF
 
 
 def _shapes(
-    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: pd.DataFrame, over_time: Series
+    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: pd.DataFrame, over_time: Series,
+    rule: Rule,
 ) -> Iterator[Shape]:
     if len(rows):
         codes, delay = of.delay_by_place(rows)
@@ -189,12 +190,14 @@ def _shapes(
     shown = np.union1d(time, after[after < watched.stop])
     cuts = np.searchsorted(c.arcs["time"], shown[1:])
     lines, critical = (tuple(np.split(c.arcs[name], cuts)[: len(shown)]) for name in ("ends", "critical"))
-    yield from (MovingLines("clusters", shown, lines, critical), over_time)
+    near = f"trucks within {rule.threshold:g} m by road"
+    yield from (MovingLines("clusters", shown, lines, critical, near), over_time)
     if len(areas):
         top = areas.head(10)
         labels = tuple(f"{a}: {d:.0f} s" for a, d in zip(top.area, top.delay, strict=True))
         at, delay = top[["x", "y"]].to_numpy(), top.delay.to_numpy()
-        yield Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical")
+        note = "area of delay (number: delay), as large as its roads"
+        yield Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical", note=note)
         yield Bars("delay_by_area", tuple(f"area {a}" for a in top.area), delay, "delay [s]")
 
 

@@ -54,14 +54,19 @@ def heatmap(
         parts = [_cell_table(m).assign(**{by: name}) for name, m in groups.items()]
         table = pd.concat(parts, ignore_index=True)
     if compare is not None:
-        share, mask = difference(here, maps.compute(compare, here.cells, hours=hours, state=load)["all"])
+        there = maps.compute(compare, here.cells, hours=hours, state=load)["all"]
+        share, mask = difference(here, there)
         per_mille = np.where((here.grid[0] > 0) | (share != 0), 1000 * share, np.nan)
         moved, theirs = float(np.abs(share).sum() / 2), str(compare.path)
         summary["compare"] = {"other": theirs, "significant_cells": int(mask.sum()), "moved_share": moved}
         rows = np.nonzero(here.grid[0] > 0)
         table["difference"], table["significant"] = share[rows], mask[rows]
-        f, label = here.cells, f"share of time, {summary['dataset']} minus {Path(theirs).name} [per mille]"
-        shapes = [Grid("difference", per_mille, f.x0, f.y0, f.cell, label, True, mask)]
+        ours, f = summary["dataset"], here.cells
+        spent = {ours: here, f"{Path(theirs).name}{' (other)' * (Path(theirs).name == ours)}": there}
+        shares = ((n, 1000 * m.grid[0] / max(m.grid[0].sum(), 1e-12)) for n, m in spent.items())
+        shapes = [Grid(n, s, f.x0, f.y0, f.cell, "share of the time in a cell [per mille]") for n, s in shares]
+        label = f"{ours} minus {Path(theirs).name} [per mille of the time]"
+        shapes.append(Grid("difference", per_mille, f.x0, f.y0, f.cell, label, True, mask))
     tables = {"cells": table}
     if (network := dataset.site.network) is not None:
         values, first = maps.values(here.edges, quantity, 1.0), maps.stretches(network)
@@ -125,10 +130,9 @@ def _lines(s: dict[str, Any]) -> list[str]:
     if "compare" in s:
         n, moved = s["compare"]["significant_cells"], percent(s["compare"]["moved_share"], 1)
         cells = f"{count(n, 'cell')} {'differs' if n == 1 else 'differ'}" if n else "no cell differs"
-        out.append(
-            f"Compared with {Path(s['compare']['other']).name}, {cells} by more than chance; {moved} of the "
-            "time is spent elsewhere."
-        )
+        other = Path(s["compare"]["other"]).name
+        told = f"Compared with {other}, {cells} by more than chance; {moved} of the time is spent elsewhere."
+        out.insert(0, told)
     return out
 
 

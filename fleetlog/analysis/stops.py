@@ -60,7 +60,10 @@ def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whol
     # The larger the longer trucks stand there.
     sized = table.assign(size=3.0 * np.sqrt(table.dwell_total / max(table.dwell_total.max() or 0.0, 1.0)))
     marks: list[Shape] = [
-        Marks(f"{kind} places", t[["x", "y"]].to_numpy(float), tuple(t.place), t["size"].to_numpy(), kind)
+        Marks(
+            f"{kind} places", t[["x", "y"]].to_numpy(float), tuple(t.place), t["size"].to_numpy(), kind,
+            note=f"{kind}: the larger, the longer trucks stand",
+        )
         for kind in KINDS
         if len(t := sized[sized.kind == kind])
     ]

@@ -44,7 +44,7 @@ class EdgeValues:
 @dataclass(frozen=True)
 class Marks:
     """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas. ``size`` (N,) in metres.
-    ``note`` says in the picture which of many they are."""
+    ``note`` says in the legend what they are; without it, ``name`` does."""
 
     name: str
     xy: Floats
@@ -76,18 +76,20 @@ class Flows:
 
 @dataclass(frozen=True)
 class MovingLines:
-    """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m) with flags."""
+    """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m) with flags; the
+    legend calls them ``label``."""
 
     name: str
     time: Ints
     lines: tuple[Floats, ...]
     critical: tuple[Mask, ...]
+    label: str = ""
 
 
 @dataclass(frozen=True)
 class Series:
     """Curves over time or another axis: ``x`` (N,) (int64 us when ``over_time``), ``y`` by name. The axis of
-    ``counts`` begins at zero."""
+    ``counts`` has zero in it."""
 
     name: str
     x: Array

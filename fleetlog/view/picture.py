@@ -1,8 +1,10 @@
 """Pictures of an analysis: a PNG of all its shapes for paper, and single ones as SVG for pages."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
+from types import MappingProxyType
 from typing import Any
 
 import matplotlib
@@ -19,12 +21,14 @@ from fleetlog.core.arrays import Array, Floats
 from fleetlog.core.result import Bars, EdgeValues, Grid, Result, Series, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.view import palette
-from fleetlog.view.floorplan import draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
+from fleetlog.view.floorplan import INK, PALE, draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
 from fleetlog.view.palette import Scale, scales_of
 
 Panel = Series | Bars | Spread
 Layer = Grid | EdgeValues
 WIDTH, DPI = 10.0, 150
+LINE = 135  # Letters of the answer that fit on a line over the picture
+WIDE = 0.6  # Two maps less high than this share of their width stand one below the other
 PANEL_HEIGHT = 2.4
 MAX_MAPS, MAX_PANELS = 24, 6
 ON_PAGE = 5.6  # Width of a picture on a page [inches]: its text stays readable on a phone
@@ -41,34 +45,46 @@ FEW = 60  # So many points are marked each: one alone is no line
 
 
 def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
-    """Draw the shapes of a result, 1500 points wide: a map a grid and a set of road values, then panels."""
+    """Draw the answer and the shapes of a result, 1500 points wide: a map a grid and a set of road values, then
+    panels."""
     maps: list[Any] = [s for s in result.shapes if isinstance(s, Layer)][:MAX_MAPS]
     if not maps and any(not isinstance(s, Panel) for s in result.shapes):
         maps = [None]
-    panels = [s for s in result.shapes if isinstance(s, Panel)][:MAX_PANELS]
+    ratio = _map_ratio(result, site)
+    rows = _rows(maps, alone=len(maps) == 2 and ratio < WIDE)
+    rows += _rows([s for s in result.shapes if isinstance(s, Panel)][:MAX_PANELS])
     with matplotlib.rc_context(STYLE):
-        columns, beside = (2 if len(shown) > 1 else 1 for shown in (maps, panels))
-        room = (WIDTH / columns - 1.0) * _map_ratio(result, site) + 0.9
-        heights = [float(np.clip(room, 2.6, 8.5 if columns == 1 else 6.0))] * -(-len(maps) // columns)
-        needs = list(map(panel_height, panels))
-        heights += [max(PANEL_HEIGHT, *needs[k : k + beside]) for k in range(0, len(needs), beside)]
-        figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
+        heights = []
+        for row in rows:
+            room, most = (WIDTH / len(row) - 1.0) * ratio + 1.2, 8.5 if len(row) == 1 else 6.0
+            heights.append(max(panel_height(s) if isinstance(s, Panel) else min(max(room, 2.8), most) for s in row))
+        answer = " ".join(line for line in result.lines[:2] if rows and not line.startswith(" "))
+        told = wrap(answer, LINE)
+        head = 0.35 + 0.19 * len(told)
+        tall = sum(heights) + head or 4.0
+        figure = Figure(figsize=(WIDTH, tall), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
         engine: Any = figure.get_layout_engine()
-        engine.set(w_pad=0.08, h_pad=0.05, hspace=0.03)
-        figure.suptitle(f"{site.name}: {result.name.replace('_', ' ')}", x=0.01, ha="left", weight="bold")
-        if not heights:
+        engine.set(w_pad=0.08, h_pad=0.05, hspace=0.03, rect=(0.0, 0.0, 1.0, 1.0 - head / tall))
+        title = f"{site.name}: {result.name.replace('_', ' ')}"
+        figure.text(0.01, 1.0 - 0.1 / tall, title, va="top", weight="bold", fontsize=12)
+        figure.text(0.01, 1.0 - 0.34 / tall, "\n".join(told), va="top", color=INK)
+        if not rows:
             figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")
         else:
-            cells = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-            first = len(heights) - -(-len(panels) // beside)
-            for shown, across, row in ((maps, columns, 0), (panels, beside, first)):
-                for k, shape in enumerate(shown):
-                    alone = across == 1 or (shown is panels and k == len(shown) - 1 and k % 2 == 0)
-                    spot = cells[row + k // across, slice(None) if alone else k % 2]
-                    _draw(figure.add_subplot(spot), shape, result, site)
+            cells = figure.add_gridspec(len(rows), 2, height_ratios=heights)
+            for k, row in enumerate(rows):
+                for j, shape in enumerate(row):
+                    spot = cells[k, j if row[1:] else slice(None)]
+                    _draw(figure.add_subplot(spot), shape, result, site, keys=k + j == 0)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})
     return Path(out_png)
+
+
+def _rows(shapes: list[Any], alone: bool = False) -> list[list[Any]]:
+    """Pictures by rows: two side by side, or each alone."""
+    side = 1 if alone else 2
+    return [shapes[k : k + side] for k in range(0, len(shapes), side)]
 
 
 def _map_ratio(result: Result, site: Site) -> float:
@@ -102,20 +118,25 @@ def svg(
 
 def _draw(
     axes: Axes, shape: Layer | Panel | None, result: Result, site: Site, scale: Scale | None = None,
-    zone: str | None = None,
+    zone: str | None = None, keys: bool = True,
 ) -> None:  # fmt: skip
-    """A panel, or a map."""
+    """A panel, or a map; of several maps the first has the ``keys`` of what they all show."""
     if shape is not None:
-        axes.set_title(shape.y_label if isinstance(shape, Spread) else shape.name.replace("_", " "))
+        title = shape.y_label if isinstance(shape, Spread) else shape.name.replace("_", " ")
+        axes.set_title("" if shape.name == result.name else f"{title[:1].upper()}{title[1:]}")
     axes.set_axisbelow(True if isinstance(shape, Panel) else "line")
     if isinstance(shape, Series):
         draw_series(axes, shape, zone or site.timezone)
     elif isinstance(shape, Spread):
         draw_spread(axes, shape)
     elif isinstance(shape, Bars):
-        draw_bars(axes, shape)
+        # What is drawn as a curve has its colour.
+        curves = [s for s in result.shapes if isinstance(s, Series)]
+        draw_bars(axes, shape, {n.replace("_", " "): k for s in curves for k, n in enumerate(s.y)})
     else:
         _draw_map(axes, shape, result, site, scale)
+        if shown := [k for k in zip(*axes.get_legend_handles_labels(), strict=True) if keys or k[1] == PALE]:
+            _legend(axes, [name for _, name in shown], [handle for handle, _ in shown])
 
 
 def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale: Scale | None) -> None:
@@ -135,7 +156,7 @@ def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale
             orientation=side, format=None if ticks is None else "%g", shrink=0.7, aspect=30, pad=0.02,
         )  # fmt: skip
         bar.outline.set_visible(False)
-    draw_overlay(axes, result)
+    draw_overlay(axes, result, site)
     draw_furniture(axes, site)
 
 
@@ -160,7 +181,7 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
     axes.set_ylabel(series.y_label)
     axes.margins(x=0)
     if series.counts:
-        axes.set_ylim(bottom=0.0)
+        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]) if (values < 0.0).any() else 0.0)
     axes.grid(axis="y", color=GRID, lw=0.6)
     if len(names) > 1:
         _legend(axes, names)
@@ -189,16 +210,21 @@ def _over_time(axes: Axes, x: Array, values: Floats, zone: str) -> tuple[Array, 
     return np.insert(at, cut + 1, 0.5 * (at[cut] + at[cut + 1])), np.insert(values, cut + 1, np.nan, axis=1)
 
 
-def draw_bars(axes: Axes, bars: Bars) -> None:
-    """Bars from the top down, with their parts where they have some."""
+def draw_bars(axes: Axes, bars: Bars, tints: Mapping[str, int] = MappingProxyType({})) -> None:
+    """Bars from the top down, with their parts or their numbers; ``tints`` are numbers of colours, by label."""
     labels = list(bars.labels[:MAX_BARS])
     at = np.arange(len(labels))
     left = np.zeros(len(labels))
     for i, (name, part) in enumerate((bars.parts or {"": bars.values}).items()):
         width = np.asarray(part[: len(labels)], float)
-        colour, label = palette.paper_colour(name, i), name.replace("_", " ")
-        axes.barh(at, width, left=left, color=colour, height=0.72, label=label)
+        tones = [palette.paper_colour(name, i if bars.parts else tints.get(of, 0)) for of in labels]
+        drawn = axes.barh(at, width, left=left, color=tones, height=0.72, label=name.replace("_", " "))
         left = left + width
+        if not bars.parts:
+            # Three digits of the longest, and as many decimals of the others.
+            digits = int(np.clip(2 - np.floor(np.log10(max(np.abs(width).max(initial=0.0), 0.01))), 0, 3))
+            axes.bar_label(drawn, [f"{v:,.{digits}f}" for v in width], padding=3, fontsize=8, color=INK)
+            axes.margins(x=0.1)
     if not left.any():
         axes.set_xlim(0.0, 1.0)
     axes.set_yticks(at, [t if len(t) <= MAX_LABEL else t[: MAX_LABEL - 1] + "…" for t in labels])
@@ -245,18 +271,18 @@ def draw_spread(axes: Axes, spread: Spread) -> None:
         _legend(axes, list(spread.curves))
 
 
-def _legend(axes: Axes, names: Sequence[str]) -> None:
+def _legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None = None) -> None:
     """Between the title and the data, never on it; in as many columns as there is room for over the axes."""
     figure, place = axes.get_figure(root=True), axes.get_subplotspec()
     assert figure is not None and place is not None
     room = figure.get_figwidth() * len(place.colspan) / place.get_gridspec().ncols - 1.0
-    for columns in range(min(len(names), 4), 0, -1):
+    for columns in range(min(len(names), 6), 0, -1):
         longest = [max(map(len, part)) for part in np.array_split(np.array(names, object), columns)]
         if sum(0.33 + 0.055 * letters for letters in longest) < room:
             break
     axes.title.set_y(1.0)
     axes.set_title(axes.get_title(loc="left"), pad=8.0 + 13.0 * -(-len(names) // columns), loc="left")
     axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1, handlelength=1.2,
+        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1, handlelength=1.2,
         columnspacing=1.2, handletextpad=0.5,
     )  # fmt: skip

@@ -192,4 +192,4 @@ def timeline(c: Crowds, watched: Watched, area: Ints, dates: Sequence[str]) -> S
         np.maximum.at(curve, (at - watched.start) // width, trucks)
         if number or of.any() or not curves:
             curves[f"area {number}" if number else "elsewhere"] = curve[seen]
-    return Series("episodes", time[seen], curves, "time", "trucks", over_time=True)
+    return Series("episodes", time[seen], curves, "time", "trucks in an episode", over_time=True)
