@@ -119,16 +119,16 @@ def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> l
     heat = maps.values(maps.compute(dataset, cells)["all"].grid, "occupancy", 1.0)
     shapes: list[Shape] = [Grid("heat", heat, cells.x0, cells.y0, 1.0, maps.LABELS["occupancy"])]
     stands = sites["existing"] != ""
-    kinds: dict[str, tuple[pd.DataFrame, Literal["charger", "charge"], str]]
+    kinds: dict[str, tuple[pd.DataFrame, Literal["charger", "charge"]]]
     kinds = {
-        "chargers": (sites[~stands], "charger", "site of the plan (share of the demand)"),
-        "kept chargers": (sites[stands], "charge", "charger that the plan keeps"),
+        "new site (share of demand)": (sites[~stands], "charger"),
+        "kept charger": (sites[stands], "charge"),
     }
-    for name, (of, kind, note) in kinds.items():
+    for name, (of, kind) in kinds.items():
         at, labels = of[["x", "y"]].to_numpy(), tuple(of["label"])
-        shapes.append(Marks(name, at, labels, np.full(len(of), 2.0), kind, note=note))
+        shapes.append(Marks(name, at, labels, np.full(len(of), 2.0), kind))
     shares = 100.0 * sites["served_share"].to_numpy()
-    named = tuple(f"{r.site}: {r.existing or r.vertex}" for r in sites.itertuples())
+    named = tuple(f"{n}: {e or v}" for n, e, v in zip(sites.site, sites.existing, sites.vertex, strict=True))
     shapes.append(Bars("demand_by_site", named, shares, "demand served [%]"))
     return shapes + (_check_bars(summary["check"]) if "check" in summary else [])
 

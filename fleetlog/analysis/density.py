@@ -176,9 +176,9 @@ def _task_table(dataset: Dataset, watched: Watched, s: pd.DataFrame) -> pd.DataF
 
 
 def _shapes(
-    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: pd.DataFrame, over_time: Series,
-    rule: Rule,
-) -> Iterator[Shape]:
+    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: pd.DataFrame,
+    over_time: Series, rule: Rule,
+) -> Iterator[Shape]:  # fmt: skip
     if len(rows):
         codes, delay = of.delay_by_place(rows)
         edge, start = (codes // PLACES).astype(np.int32), np.asarray(codes % PLACES * BIN, np.float64)
@@ -194,7 +194,7 @@ def _shapes(
     yield from (MovingLines("clusters", shown, lines, critical, near), over_time)
     if len(areas):
         top = areas.head(10)
-        labels = tuple(f"{a}: {d:.0f} s" for a, d in zip(top.area, top.delay, strict=True))
+        labels = tuple(f"{a}: {d:,.0f} s" for a, d in zip(top.area, top.delay, strict=True))
         at, delay = top[["x", "y"]].to_numpy(), top.delay.to_numpy()
         note = "area of delay (number: delay), as large as its roads"
         yield Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical", note=note)
@@ -205,10 +205,10 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
     used = s["clusters"][s["used"]]
     other = s["clusters"]["all" if s["used"] == "moving_only" else "moving_only"]
     out = [
-        f"Congestion delayed {count(s['vehicles'], 'truck')} by {s['delay_s']:.0f} s in {s['hours']:.2f} h, "
+        f"Congestion delayed {count(s['vehicles'], 'truck')} by {s['delay_s']:,.0f} s in {s['hours']:.2f} h, "
         f"in {count(s['episodes'], 'critical episode')}.",
-        f"Trucks spent {used['critical_vehicle_seconds']:.0f} truck-seconds in critical clusters "
-        f"({other['critical_vehicle_seconds']:.0f} when standing trucks are "
+        f"Trucks spent {used['critical_vehicle_seconds']:,.0f} truck-seconds in critical clusters "
+        f"({other['critical_vehicle_seconds']:,.0f} when standing trucks are "
         f"{'left out' if s['used'] == 'all' else 'counted too'}), "
         f"at most {count(used['largest'], 'truck')} in one.",
     ]
@@ -217,7 +217,7 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
         part = percent(first.delay / s["delay_s"])
         out.append(f"Look first at area 1 ({first.roads}): it has {part} of the delay.")
     return out + [
-        f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:.0f} s delay "
+        f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:,.0f} s delay "
         f"({row.delay_low:.0f} to {row.delay_high:.0f}), {count(row.episodes, 'episode')}, "
         f"{count(row.vehicles, 'truck')}"
         for row in areas.head(5).itertuples()

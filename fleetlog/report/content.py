@@ -28,6 +28,12 @@ class Table:
     caption: str = ""
     more: int = 0  # Rows that are left out here, and are in the tables
 
+    @property
+    def wide(self) -> bool:
+        """Whether it takes more than half a page: its longest texts, headings by words, in letters."""
+        heads = [max(map(len, head.split() or [""])) for head in self.head]
+        return sum(2 + max(h, *(len(r[k]) for r in self.rows), 0) for k, h in enumerate(heads)) > 57
+
 
 @dataclass(frozen=True)
 class Picture:

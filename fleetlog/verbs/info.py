@@ -1,10 +1,13 @@
 """Describe a dataset, log, map, site, truck or recording, or a folder that fleetlog wrote."""
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
+from itertools import accumulate
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -23,7 +26,15 @@ from fleetlog.store.output import MARK
 
 Figures = dict[str, Any]
 LISTED = 30  # Entries of a list that are shown
-UNITS = {"m": "m", "s": "s", "km": "km", "kwh": "kWh", "kg": "kg", "w": "W"}
+WIDTH, ROWS, MOST = 100, 12, 40  # Letters of a line; rows of a table that are shown, letters of a cell
+UNITS = {
+    "wh_per_km": "kWh/km",
+    "m_s": "m/s",
+    "kwh": "kWh",
+    "w": "W",
+    "wh": "Wh",
+    **{u: u for u in ("m", "s", "km", "kg")},
+}
 
 
 @verb()
@@ -55,19 +66,56 @@ def told(figures: Figures) -> list[str]:
 def _lines(figures: Figures, indent: str = "  ") -> Iterator[str]:
     """Each figure behind its name; what holds figures or sentences of its own goes below."""
     for name, value in figures.items():
-        what, _, unit = name.rpartition("_")
-        label = indent + (f"{what} [{UNITS[unit]}]" if what and unit in UNITS else name).replace("_", " ")
+        (label, factor), below = _label(name), f"{indent}  "
         parts = list(value.values() if isinstance(value, dict) else value) if _holds(value) else []
+        if parts and isinstance(parts[0], dict) and "statement" in parts[0]:
+            parts = [f"{f['term']} ({f['channel']}): {f['statement']}." for f in parts]
         if not any(_holds(part) or " " in str(part) for part in parts):
-            yield f"{label:<18} {_inline(value)}"
+            yield from _wrapped(
+                indent + label, _inline(value if factor == 1.0 or not value else factor * value)
+            )
         elif isinstance(value, dict):
-            yield label
-            yield from _lines(value, f"{indent}  ")
+            yield from (indent + label, *_lines(value, below))
+        elif isinstance(parts[0], dict) and parts[1:]:
+            yield from (indent + label, *(below + line for line in _table(parts)))
+        elif isinstance(parts[0], dict):
+            yield from _lines({name: parts[0]}, indent)
         else:
-            for part in parts[:LISTED]:
-                yield from _lines({name: part}, indent)
-            if len(parts) > LISTED:
-                yield f"{label:<18} and {len(parts) - LISTED} more"
+            more = [f"and {len(parts) - LISTED} more"] if len(parts) > LISTED else []
+            for k, part in enumerate([*parts[:LISTED], *more]):
+                yield from _wrapped("" if k else indent + label, _inline(part))
+
+
+def _label(name: str) -> tuple[str, float]:
+    """Name of a figure with its unit, and what it is multiplied by."""
+    found = re.fullmatch(f"(.+?)_({'|'.join(UNITS)})", name)
+    said = f"{found[1]} [{UNITS[found[2]]}]" if found else name
+    return said.replace("_", " "), 1e-3 if name.endswith("wh_per_km") else 1.0
+
+
+def _wrapped(label: str, text: str) -> list[str]:
+    """A text beside its name, its further lines below one another."""
+    kept = text.replace(" %", "\xa0%")  # No line begins with a per cent sign
+    lines = wrap(kept, WIDTH, initial_indent=f"{label:<18} ", subsequent_indent=19 * " ")
+    return [line.replace("\xa0", " ") for line in lines] or [label]
+
+
+def _table(rows: list[Figures]) -> Iterator[str]:
+    """Rows with names over their columns; what none has is left out, what is long or many is cut short."""
+    shown = [name for name in rows[0] if any(row.get(name) not in (None, [], "") for row in rows)]
+    cells = [[_label(name)[0] for name in shown]]
+    cells += [[_cell(row.get(name)) for name in shown] for row in rows[:ROWS]]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    fit = sum(end <= WIDTH for end in accumulate(width + 2 for width in widths))
+    yield from ("  ".join(map(str.ljust, row[:fit], widths)).rstrip() for row in cells)
+    rest = [f"{len(rows) - ROWS} more"] * (len(rows) > ROWS) + cells[0][fit:]
+    if rest:
+        yield f"and {', '.join(rest)}: --json has them all"
+
+
+def _cell(value: Any) -> str:
+    text = f"{value:.4g}" if isinstance(value, float) else "-" if value is None else _inline(value)
+    return text if len(text) <= MOST else f"{text[: MOST - 1]}…"
 
 
 def _holds(value: Any) -> bool:
@@ -82,7 +130,8 @@ def _inline(value: Any) -> str:
         return ", ".join([*map(_inline, value[:LISTED]), *more]) or "none"
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    moment = re.sub(r"^(\d{4}-\d\d-\d\d)T(\d\d:\d\d:\d\d)[.\d]*(Z|\+00:00)$", r"\1 \2 UTC", str(value))
+    return f"{value:.6g}" if isinstance(value, float) else moment
 
 
 def describe(path: Path) -> Figures:

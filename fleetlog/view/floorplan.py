@@ -1,6 +1,7 @@
 """The site on paper, in axes of metres: roads, buildings, places, heat, scale bar and north arrow."""
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ MARKS = {
     "drop": "#b0558c", "park": "#7b828c", "charge": "#2f9a4f",
 }  # fmt: skip
 MAX_LABELS = 25
-PALE = "pale: no more than chance"
+AREAS = ("building", "zone", "zone with a speed limit")
 PLACES = {"pick": "pick place", "drop": "drop place", "park": "parking", "charge": "charger"}
 
 
@@ -36,24 +37,16 @@ def frame_map(result: Result, site: Site) -> Extent:
 
 def draw_site(axes: Axes, site: Site) -> None:
     """Buildings as pale areas, the rims of zones, roads as grey lines."""
-    for order, (areas, rim, face) in enumerate(_areas(site).values()):
-        line = "-" if face != "none" else "--"
-        look: Any = {"facecolors": face, "edgecolors": rim, "lw": 0.8, "linestyles": line, "zorder": 0.3 * order}
+    slow, other = (
+        [z for z in site.zones if np.isfinite(z.speed_limit) == limited] for limited in (True, False)
+    )
+    kinds: Any = ((site.buildings, "#c9cdd3", "-"), (other, "#6f79b5", "--"), (slow, "#b98a2f", "--"))
+    for (areas, rim, line), name in zip(kinds, AREAS, strict=True):
+        look: Any = {"facecolors": BUILDING if line == "-" else "none", "edgecolors": rim, "lw": 0.8}
+        look |= {"linestyles": line, "zorder": 0.0 if line == "-" else 0.5, "label": name if areas else ""}
         axes.add_collection(PolyCollection([ribbons.open_ring(a.polygon) for a in areas], **look))
     axes.add_collection(LineCollection(_road_lines(site), colors=ROAD, linewidths=1.0, zorder=1))
     axes.set(xlabel="x [m]", ylabel="y [m]")
-
-
-def _areas(site: Site) -> dict[str, tuple[list[Any], str, str]]:
-    """What areas of the site are called: those there are, their rim's and their own colour."""
-    slow = [z for z in site.zones if np.isfinite(z.speed_limit)]
-    roofs = [z for z in site.zones if z.covered and z not in slow]
-    others = [z for z in site.zones if z not in slow and z not in roofs]
-    found: dict[str, tuple[list[Any], str, str]] = {
-        "building": ([*site.buildings], "#c9cdd3", BUILDING), "under a roof": (roofs, "#6f79b5", "none"),
-        "zone": (others, "#7b828c", "none"), "zone with a speed limit": (slow, "#b98a2f", "none"),
-    }  # fmt: skip
-    return {name: area for name, area in found.items() if area[0]}
 
 
 def _road_lines(site: Site) -> list[Floats]:
@@ -78,7 +71,7 @@ def draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
     fine: Any = {"colors": "#1d2024", "linewidths": 0.35, "alpha": 0.55, "zorder": 2}
     axes.add_collection(LineCollection(_road_lines(site), **fine))
     if alpha is not None:
-        _key(axes, PALE, marker="s", color="#f0d6cc")
+        _key(axes, "pale: no more than chance", marker="s", color="#f0d6cc")
     elif grid.mask is not None:
         _note(axes, "No cell differs by more than chance: do not read a pattern into the colours.")
     return image
@@ -177,11 +170,8 @@ def _label(axes: Axes, at: Floats, labels: Sequence[str], sizes: Floats, taken: 
     """Texts beside the first of some rings, at best on none of these."""
     rings = [(x - r, y - r, x + r, y + r) for (x, y), r in zip(at, sizes, strict=True)]
     for k, label in list(enumerate(labels))[:MAX_LABELS]:
-        (x, y), size, others = at[k], sizes[k], rings[:k] + rings[k + 1 :]
-        if not label:
-            continue
-        spot = _free_spot(axes, x, y, size, label, taken, others) or _free_spot(axes, x, y, size, label, taken)
-        if spot is not None:
+        others, (x, y) = rings[:k] + rings[k + 1 :], at[k]
+        if label and (spot := _free_spot(axes, x, y, sizes[k], label, taken, others)) is not None:
             axes.annotate(
                 label, spot, fontsize=7.5, color=INK, ha="center", va="center", zorder=5,
                 annotation_clip=True, path_effects=[withStroke(linewidth=3.5, foreground="white")],
@@ -189,19 +179,19 @@ def _label(axes: Axes, at: Floats, labels: Sequence[str], sizes: Floats, taken: 
 
 
 def _free_spot(
-    axes: Axes, x: float, y: float, size: float, label: str, taken: list[Extent],
-    rings: Sequence[Extent] = (),
-) -> tuple[float, float] | None:  # fmt: skip
-    """Middle of a label above, below, right or left of its mark, over no other one; None where none is."""
+    axes: Axes, x: float, y: float, size: float, label: str, taken: list[Extent], rings: Sequence[Extent]
+) -> tuple[float, float] | None:
+    """Middle of a label about its mark, over no other one and at best no ring; None where none is."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     inches = figure.get_size_inches()[0] * 0.85 / max(len({a.get_position().x0 for a in figure.axes}), 1)
     point = float(np.ptp(axes.get_xlim())) / (72.0 * inches)
     half, tall = 2.3 * point * len(label), 4.8 * point
-    for dx, dy in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)):
+    sides = (0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)
+    for full, (dx, dy) in product(((*taken, *rings), tuple(taken)), sides):
         cx, cy = x + dx * (size + half + point), y + dy * (size + tall)
         box = cx - half, cy - tall, cx + half, cy + tall
-        if not any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in (*taken, *rings)):
+        if not any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in full):
             taken.append(box)
             return cx, cy
     return None
@@ -213,8 +203,6 @@ def draw_furniture(axes: Axes, site: Site) -> None:
         x, y = np.array([[p.x, p.y] for p in site.places if p.kind == kind]).T
         colour = tuple(0.75 * c / 255 for c in palette.PLACES[kind])
         axes.scatter(x, y, s=16, marker="s", color=colour, zorder=2.8, label=PLACES[kind], ec="white", lw=0.5)
-    for name, (_, rim, face) in _areas(site).items():
-        _key(axes, name, **({"ls": "--"} if face == "none" else {"marker": "s", "mfc": face}), color=rim)
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     raw = (x1 - x0) / 5.0
     power = 10.0 ** np.floor(np.log10(raw))

@@ -1,43 +1,40 @@
 """Pictures of an analysis: a PNG of all its shapes for paper, and single ones as SVG for pages."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
-from types import MappingProxyType
 from typing import Any
 
 import matplotlib
 import numpy as np
 import pandas as pd
+from matplotlib import rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import MaxNLocator
 
 from fleetlog.core.arrays import Array, Floats
 from fleetlog.core.result import Bars, EdgeValues, Grid, Result, Series, Spread, half_width
 from fleetlog.core.site import Site
+from fleetlog.view import floorplan as floor
 from fleetlog.view import palette
-from fleetlog.view.floorplan import INK, PALE, draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
 from fleetlog.view.palette import Scale, scales_of
 
 Panel = Series | Bars | Spread
 Layer = Grid | EdgeValues
 WIDTH, DPI = 10.0, 150
+EMPTY = object()  # Half a row in which nothing is drawn
 LINE = 135  # Letters of the answer that fit on a line over the picture
 WIDE = 0.6  # Two maps less high than this share of their width stand one below the other
 PANEL_HEIGHT = 2.4
 MAX_MAPS, MAX_PANELS = 24, 6
 ON_PAGE = 5.6  # Width of a picture on a page [inches]: its text stays readable on a phone
-STYLE: Any = {
-    "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.5, "axes.titlelocation": "left",
-    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#5a5f66",
-    "axes.labelcolor": "#33373d", "xtick.color": "#5a5f66", "ytick.color": "#5a5f66", "legend.frameon": False,
-    "legend.fontsize": 8.0, "axes.grid": False, "text.parse_math": False,
-}  # fmt: skip
+STYLE = rc_params_from_file(Path(__file__).with_name("picture.mplstyle"), use_default_template=False)
 SOFT, GRID = "#5a5f66", "#e3e6ea"
 MAX_BARS, MAX_LABEL = 40, 28
 SILENCE, NIGHT = 20.0, 6 * 3.6e9  # A gap of so many usual steps, or so long [us], is left out of the axis
@@ -45,50 +42,47 @@ FEW = 60  # So many points are marked each: one alone is no line
 
 
 def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
-    """Draw the answer and the shapes of a result, 1500 points wide: a map a grid and a set of road values, then
-    panels."""
+    """Draw the answer and the shapes of a result, 1500 points wide: a map a grid and a set of road values,
+    then panels."""
     maps: list[Any] = [s for s in result.shapes if isinstance(s, Layer)][:MAX_MAPS]
     if not maps and any(not isinstance(s, Panel) for s in result.shapes):
         maps = [None]
     ratio = _map_ratio(result, site)
-    rows = _rows(maps, alone=len(maps) == 2 and ratio < WIDE)
-    rows += _rows([s for s in result.shapes if isinstance(s, Panel)][:MAX_PANELS])
+    side = 1 if len(maps) == 2 and ratio < WIDE else 2
+    if len(maps) > 3 and len(maps) % 2:
+        maps.append(EMPTY)
+    panels: list[Any] = [s for s in result.shapes if isinstance(s, Panel)][:MAX_PANELS]
+    rows = [maps[k : k + side] for k in range(0, len(maps), side)]
+    rows += [panels[k : k + 2] for k in range(0, len(panels), 2)]
     with matplotlib.rc_context(STYLE):
-        heights = []
-        for row in rows:
-            room, most = (WIDTH / len(row) - 1.0) * ratio + 1.2, 8.5 if len(row) == 1 else 6.0
-            heights.append(max(panel_height(s) if isinstance(s, Panel) else min(max(room, 2.8), most) for s in row))
-        answer = " ".join(line for line in result.lines[:2] if rows and not line.startswith(" "))
-        told = wrap(answer, LINE)
-        head = 0.35 + 0.19 * len(told)
-        tall = sum(heights) + head or 4.0
+        rooms = [float(np.clip((WIDTH / n - 1.0) * ratio + 1.2, 2.8, 11.0 - 2.5 * n)) for n in map(len, rows)]
+        needs = [[panel_height(s) if isinstance(s, Panel) else 0.0 for s in row] for row in rows]
+        heights = [max(n) or room for n, room in zip(needs, rooms, strict=True)]
+        said = wrap(" ".join(s for s in result.lines[:2] if rows and not s.startswith(" ")), LINE)
+        head = 0.35 + 0.19 * len(said)
+        tall = sum(heights) + head if rows else 4.0
         figure = Figure(figsize=(WIDTH, tall), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
         engine: Any = figure.get_layout_engine()
         engine.set(w_pad=0.08, h_pad=0.05, hspace=0.03, rect=(0.0, 0.0, 1.0, 1.0 - head / tall))
         title = f"{site.name}: {result.name.replace('_', ' ')}"
         figure.text(0.01, 1.0 - 0.1 / tall, title, va="top", weight="bold", fontsize=12)
-        figure.text(0.01, 1.0 - 0.34 / tall, "\n".join(told), va="top", color=INK)
+        figure.text(0.01, 1.0 - 0.34 / tall, "\n".join(said), va="top", color=floor.INK)
         if not rows:
             figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")
         else:
+            seen: set[str] = set()
             cells = figure.add_gridspec(len(rows), 2, height_ratios=heights)
             for k, row in enumerate(rows):
-                for j, shape in enumerate(row):
+                for j, shape in [(j, s) for j, s in enumerate(row) if s is not EMPTY]:
                     spot = cells[k, j if row[1:] else slice(None)]
-                    _draw(figure.add_subplot(spot), shape, result, site, keys=k + j == 0)
+                    _draw(figure.add_subplot(spot), shape, result, site, told=seen)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})
     return Path(out_png)
 
 
-def _rows(shapes: list[Any], alone: bool = False) -> list[list[Any]]:
-    """Pictures by rows: two side by side, or each alone."""
-    side = 1 if alone else 2
-    return [shapes[k : k + side] for k in range(0, len(shapes), side)]
-
-
 def _map_ratio(result: Result, site: Site) -> float:
-    x0, y0, x1, y1 = frame_map(result, site)
+    x0, y0, x1, y1 = floor.frame_map(result, site)
     return (y1 - y0) / (x1 - x0)
 
 
@@ -105,10 +99,10 @@ def svg(
         if isinstance(shape, Panel):
             height = panel_height(shape)
         else:
-            height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
+            height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.3, 2.4, 7.0))
         figure = Figure(figsize=(ON_PAGE, height), dpi=DPI, layout="constrained")
         FigureCanvasSVG(figure)
-        _draw(figure.add_subplot(), shape, result, site, scale, zone)
+        _draw(figure.add_subplot(), shape, result, site, scale, zone, told={*floor.AREAS})
         for axes in figure.axes:
             axes.set_title("", loc="left")  # a page says it beside the picture
         out, nothing = io.StringIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -118,9 +112,9 @@ def svg(
 
 def _draw(
     axes: Axes, shape: Layer | Panel | None, result: Result, site: Site, scale: Scale | None = None,
-    zone: str | None = None, keys: bool = True,
+    zone: str | None = None, *, told: set[str],
 ) -> None:  # fmt: skip
-    """A panel, or a map; of several maps the first has the ``keys`` of what they all show."""
+    """A panel, or a map with a legend of what is not ``told`` yet; that grows by it."""
     if shape is not None:
         title = shape.y_label if isinstance(shape, Spread) else shape.name.replace("_", " ")
         axes.set_title("" if shape.name == result.name else f"{title[:1].upper()}{title[1:]}")
@@ -130,22 +124,22 @@ def _draw(
     elif isinstance(shape, Spread):
         draw_spread(axes, shape)
     elif isinstance(shape, Bars):
-        # What is drawn as a curve has its colour.
-        curves = [s for s in result.shapes if isinstance(s, Series)]
-        draw_bars(axes, shape, {n.replace("_", " "): k for s in curves for k, n in enumerate(s.y)})
+        draw_bars(axes, shape, [s for s in result.shapes if isinstance(s, Series)])
     else:
         _draw_map(axes, shape, result, site, scale)
-        if shown := [k for k in zip(*axes.get_legend_handles_labels(), strict=True) if keys or k[1] == PALE]:
-            _legend(axes, [name for _, name in shown], [handle for handle, _ in shown])
+        keys = sorted(zip(*axes.get_legend_handles_labels(), strict=True), key=lambda k: k[1] in floor.AREAS)
+        if keys := [(handle, name) for handle, name in keys if name not in told]:
+            _legend(axes, [name for _, name in keys], [handle for handle, _ in keys])
+            told |= {name for _, name in keys}
 
 
 def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale: Scale | None) -> None:
-    x0, y0, x1, y1 = frame_map(result, site)
+    x0, y0, x1, y1 = floor.frame_map(result, site)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal")
-    draw_site(axes, site)
+    floor.draw_site(axes, site)
     if isinstance(layer, Grid) or (isinstance(layer, EdgeValues) and site.network is not None):
         scale = scale or scales_of(result.shapes)[layer.name]
-        draw: Any = draw_grid if isinstance(layer, Grid) else draw_edges
+        draw: Any = floor.draw_grid if isinstance(layer, Grid) else floor.draw_edges
         ticks: Any = scale.ticks()
         side = "horizontal" if x1 - x0 > 1.3 * (y1 - y0) else "vertical"
         if ticks is None and not np.mod(layer.values[np.isfinite(layer.values)], 1.0).any():
@@ -156,8 +150,8 @@ def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale
             orientation=side, format=None if ticks is None else "%g", shrink=0.7, aspect=30, pad=0.02,
         )  # fmt: skip
         bar.outline.set_visible(False)
-    draw_overlay(axes, result, site)
-    draw_furniture(axes, site)
+    floor.draw_overlay(axes, result, site)
+    floor.draw_furniture(axes, site)
 
 
 def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
@@ -181,7 +175,7 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
     axes.set_ylabel(series.y_label)
     axes.margins(x=0)
     if series.counts:
-        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]) if (values < 0.0).any() else 0.0)
+        axes.set_ylim(bottom=axes.get_ylim()[0] if (values < 0.0).any() else 0.0)
     axes.grid(axis="y", color=GRID, lw=0.6)
     if len(names) > 1:
         _legend(axes, names)
@@ -210,8 +204,9 @@ def _over_time(axes: Axes, x: Array, values: Floats, zone: str) -> tuple[Array, 
     return np.insert(at, cut + 1, 0.5 * (at[cut] + at[cut + 1])), np.insert(values, cut + 1, np.nan, axis=1)
 
 
-def draw_bars(axes: Axes, bars: Bars, tints: Mapping[str, int] = MappingProxyType({})) -> None:
-    """Bars from the top down, with their parts or their numbers; ``tints`` are numbers of colours, by label."""
+def draw_bars(axes: Axes, bars: Bars, curves: Sequence[Series] = ()) -> None:
+    """Bars from the top down, with their parts or their numbers; what is drawn as a curve has its colour."""
+    tints = {name.replace("_", " "): k for curve in curves for k, name in enumerate(curve.y)}
     labels = list(bars.labels[:MAX_BARS])
     at = np.arange(len(labels))
     left = np.zeros(len(labels))
@@ -223,7 +218,7 @@ def draw_bars(axes: Axes, bars: Bars, tints: Mapping[str, int] = MappingProxyTyp
         if not bars.parts:
             # Three digits of the longest, and as many decimals of the others.
             digits = int(np.clip(2 - np.floor(np.log10(max(np.abs(width).max(initial=0.0), 0.01))), 0, 3))
-            axes.bar_label(drawn, [f"{v:,.{digits}f}" for v in width], padding=3, fontsize=8, color=INK)
+            axes.bar_label(drawn, [f"{v:,.{digits}f}" for v in width], padding=3, fontsize=8, color=floor.INK)
             axes.margins(x=0.1)
     if not left.any():
         axes.set_xlim(0.0, 1.0)
@@ -276,13 +271,14 @@ def _legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None = No
     figure, place = axes.get_figure(root=True), axes.get_subplotspec()
     assert figure is not None and place is not None
     room = figure.get_figwidth() * len(place.colspan) / place.get_gridspec().ncols - 1.0
+    size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
     for columns in range(min(len(names), 6), 0, -1):
         longest = [max(map(len, part)) for part in np.array_split(np.array(names, object), columns)]
-        if sum(0.33 + 0.055 * letters for letters in longest) < room:
+        if 0.35 * columns + 0.0071 * size * sum(longest) < room:
             break
     axes.title.set_y(1.0)
     axes.set_title(axes.get_title(loc="left"), pad=8.0 + 13.0 * -(-len(names) // columns), loc="left")
     axes.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1, handlelength=1.2,
-        columnspacing=1.2, handletextpad=0.5,
+        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1,
+        handlelength=1.2, columnspacing=1.2, handletextpad=0.5,
     )  # fmt: skip
