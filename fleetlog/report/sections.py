@@ -11,7 +11,7 @@ from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
 from fleetlog.core.words import count, listed, reasons
 from fleetlog.physics.power import cause
-from fleetlog.report.content import Part, number, picture, table
+from fleetlog.report.content import TABLES, Part, number, picture, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
 from fleetlog.simulate.limits import told_limits
@@ -23,10 +23,7 @@ ENERGY_SUMS = ("used_kwh", "charged_kwh", "energy_km", "energy_h", "measured_h",
 STEP = 60_000_000  # Of the curves [us]
 SLIVER = 0.01  # Of the fullest hour: what begins with the last row of a log is no hour
 FEW = 8  # More curves than this are drawn as lowest, median and highest of the fleet
-CHANNELS = {
-    "speed": "speed", "payload": "load", "fork_height": "forks", "battery_power": "power",
-    "soc": "state of charge", "ambient_temperature": "temperature",
-}  # fmt: skip
+CHANNELS = TABLES["channels"]
 
 
 def shapes(facts: Facts, name: str, kind: type[S]) -> list[S]:

@@ -19,10 +19,6 @@ from fleetlog.view.clock import Extent, around, shapes_outline
 from fleetlog.view.palette import Scale, colour_map
 
 INK, ROAD, BUILDING = "#33373d", "#b9c0c9", "#eceef1"
-MARKS = {
-    "place": "#2a6fa8", "charger": "#1f8a4c", "critical": "#c22e2a", "point": "#33373d", "pick": "#2a7fb8",
-    "drop": "#b0558c", "park": "#7b828c", "charge": "#2f9a4f",
-}  # fmt: skip
 MAX_LABELS = 25
 AREAS = ("building", "zone", "zone with a speed limit")
 PLACES = {"pick": "pick place", "drop": "drop place", "park": "parking", "charge": "charger"}
@@ -154,7 +150,7 @@ def _draw_lines(axes: Axes, shape: MovingLines) -> None:
 
 def _draw_marks(axes: Axes, marks: Marks, taken: list[Extent]) -> None:
     """Rings (chargers: discs) with labels where there is room for them; ``taken`` grows by both."""
-    colour = MARKS[marks.kind]
+    colour = tuple(c / 255 for c in palette.MARKS[marks.kind])
     small = (0.002 if marks.kind == "point" else 0.006) * float(np.ptp(axes.get_xlim()))
     sizes = np.maximum(np.asarray(marks.size, float), small)
     circles = [Circle((x, y), r) for (x, y), r in zip(marks.xy, sizes, strict=True)]
@@ -209,17 +205,12 @@ def draw_furniture(axes: Axes, site: Site) -> None:
     length = float(power * max(m for m in (1.0, 2.0, 5.0) if m * power <= raw))
     right, base = x1 - 0.02 * (x1 - x0), y0 + 0.03 * (y1 - y0)
     axes.plot([right - length, right], [base, base], color=INK, lw=2.4, solid_capstyle="butt", zorder=6)
-    _say(axes, f"{length:g} m", (right - length / 2, base), (0, 3), fontsize=8)
+    beside: Any = {"textcoords": "offset points", "ha": "center", "color": INK, "zorder": 6}
+    axes.annotate(f"{length:g} m", (right - length / 2, base), xytext=(0, 3), fontsize=8, **beside)
     # North is (sin, cos) of the rotation, by which the x axis is turned counter-clockwise from east.
     rotation = 0.0 if site.frame is None else site.frame.rotation
     north, at = np.array([np.sin(rotation), np.cos(rotation)]), (0.98, 0.90)
-    arrow = {"arrowstyle": "-|>", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
-    _say(axes, "", at, -26.0 * north, xycoords="axes fraction", arrowprops=arrow)
-    bold: dict[str, Any] = {"va": "center", "fontsize": 8.5, "weight": "bold"}
-    _say(axes, "N", at, 8.0 * north, xycoords="axes fraction", **bold)
-
-
-def _say(axes: Axes, text: str, at: tuple[float, float], aside: Any, **look: Any) -> None:
-    """A text so many points aside of a place."""
-    frame: Any = {"xytext": tuple(aside), "textcoords": "offset points", "ha": "center", "zorder": 6}
-    axes.annotate(text, at, color=INK, **frame, **look)
+    look: Any = {"arrowstyle": "-|>", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
+    beside |= {"xycoords": "axes fraction", "va": "center", "fontsize": 8.5, "weight": "bold"}
+    axes.annotate("", at, xytext=tuple(-26.0 * north), arrowprops=look, **beside)
+    axes.annotate("N", at, xytext=tuple(8.0 * north), **beside)

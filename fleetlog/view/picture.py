@@ -28,7 +28,6 @@ from fleetlog.view.palette import Scale, scales_of
 Panel = Series | Bars | Spread
 Layer = Grid | EdgeValues
 WIDTH, DPI = 10.0, 150
-EMPTY = object()  # Half a row in which nothing is drawn
 LINE = 135  # Letters of the answer that fit on a line over the picture
 WIDE = 0.6  # Two maps less high than this share of their width stand one below the other
 PANEL_HEIGHT = 2.4
@@ -49,8 +48,6 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
         maps = [None]
     ratio = _map_ratio(result, site)
     side = 1 if len(maps) == 2 and ratio < WIDE else 2
-    if len(maps) > 3 and len(maps) % 2:
-        maps.append(EMPTY)
     panels: list[Any] = [s for s in result.shapes if isinstance(s, Panel)][:MAX_PANELS]
     rows = [maps[k : k + side] for k in range(0, len(maps), side)]
     rows += [panels[k : k + 2] for k in range(0, len(panels), 2)]
@@ -74,7 +71,7 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
             seen: set[str] = set()
             cells = figure.add_gridspec(len(rows), 2, height_ratios=heights)
             for k, row in enumerate(rows):
-                for j, shape in [(j, s) for j, s in enumerate(row) if s is not EMPTY]:
+                for j, shape in enumerate(row):
                     spot = cells[k, j if row[1:] else slice(None)]
                     _draw(figure.add_subplot(spot), shape, result, site, told=seen)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})

@@ -39,7 +39,7 @@ RATE = 2.0  # Samples a second that are kept by default
 MANY = 60  # From this many vehicles on they are drawn together, one row a time step for all
 MANY_LABELS, LONG_LEGEND = 24, 12
 _TABLE = tomllib.loads(Path(__file__).with_name("recording.toml").read_text(encoding="utf-8"))
-FIGURES, FLEET_CURVES = _TABLE["figures"], _TABLE["curves"]
+FIGURES, FLEET_CURVES, DIFFERENCES, TOTALS = _TABLE.values()
 STEP_RATE = 1.0  # Steps a second of many trucks at most
 BLOCK = 400_000  # Positions held in memory at once
 MOVING = 0.2

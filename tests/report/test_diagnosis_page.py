@@ -58,7 +58,7 @@ def test_an_odd_truck_is_named_and_is_to_be_compared_with_the_others() -> None:
     scope = {**SCOPE, "vehicles": ["T1"]}
     assert unknown(["vehicle_id"], None, scope).startswith("Truck T1: a mismatch ")
     odd = replace(WORN, term="unknown", scope=scope, where=None, needs="record more")
-    assert "other trucks" in spoken(odd)[1] and spoken(odd)[2] == "    To go on: record more."
+    assert "other trucks" in spoken(odd)[1] and spoken(odd)[2] == "    Next: record more."
     assert "depends on" in unknown(["vehicle_id"], None, SCOPE)
     # What is fitted as physics that no word of the verdict names is not to be compared, but mended.
     assert all_terms()["brake_drag"].advice in spoken(replace(odd, physics="brake_drag"))[1]
