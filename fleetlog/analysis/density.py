@@ -196,8 +196,7 @@ def _shapes(
         top = areas.head(10)
         labels = tuple(f"{a}: {d:,.0f} s" for a, d in zip(top.area, top.delay, strict=True))
         at, delay = top[["x", "y"]].to_numpy(), top.delay.to_numpy()
-        note = "area of delay, as large as its roads"
-        yield Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical", note=note)
+        yield Marks("area of delay, as large as its roads", at, labels, top.radius.to_numpy(), "critical")
         yield Bars("delay_by_area", tuple(f"area {a}" for a in top.area), delay, "delay [s]")
 
 

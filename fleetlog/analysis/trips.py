@@ -52,7 +52,7 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
     per = real.groupby("vehicle_id").distance.sum() / 1000.0
     bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
     at = real[["x_end", "y_end"]].to_numpy(float)
-    ends = Marks("trip ends", at, ("",) * len(at), np.full(len(at), 0.3), note="end of a trip")
+    ends = Marks("end of a trip", at, ("",) * len(at), np.full(len(at), 0.3))
     tables, lines = {"trips": table, "pairs": pairs}, _lines(summary, pairs, min_distance)
     return Result("trips", summary, tables, {}, [_flows(dataset, real), ends, bars], lines)
 

@@ -44,14 +44,13 @@ class EdgeValues:
 @dataclass(frozen=True)
 class Marks:
     """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas. ``size`` (N,) in metres.
-    ``note`` says in the legend what they are; without it, ``name`` does."""
+    ``name`` says in the legend what each is."""
 
     name: str
     xy: Floats
     labels: tuple[str, ...]
     size: Floats
     kind: Literal["place", "charger", "critical", "point", "pick", "drop", "park", "charge"] = "point"
-    note: str = ""
 
     def __post_init__(self) -> None:
         """What has no place is no mark."""

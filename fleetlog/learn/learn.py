@@ -186,7 +186,7 @@ def _result(
     if lacking:
         tables["proposals"] = pd.DataFrame(lacking)
         xy, kind = np.array([(p["x"], p["y"]) for p in lacking]), tuple(p["kind"] for p in lacking)
-        shapes.append(Marks("proposals", xy, kind, np.ones(len(lacking)), "critical"))
+        shapes.append(Marks("proposed change of the map", xy, kind, np.ones(len(lacking)), "critical"))
     return Result("learn", summary, tables, {"places": places}, shapes, lines)
 
 

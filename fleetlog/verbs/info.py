@@ -28,13 +28,9 @@ Figures = dict[str, Any]
 LISTED = 30  # Entries of a list that are shown
 WIDTH, ROWS, MOST = 100, 12, 40  # Letters of a line; rows of a table that are shown, letters of a cell
 UNITS = {
-    "wh_per_km": "kWh/km",
-    "m_s": "m/s",
-    "kwh": "kWh",
-    "w": "W",
-    "wh": "Wh",
-    **{u: u for u in ("m", "s", "km", "kg")},
-}
+    "wh_per_km": "kWh/km", "m_s": "m/s", "kwh": "kWh", "w": "W", "wh": "Wh", "m": "m", "s": "s", "km": "km",
+    "kg": "kg",
+}  # fmt: skip
 
 
 @verb()
@@ -66,50 +62,47 @@ def told(figures: Figures) -> list[str]:
 def _lines(figures: Figures, indent: str = "  ") -> Iterator[str]:
     """Each figure behind its name; what holds figures or sentences of its own goes below."""
     for name, value in figures.items():
-        (label, factor), below = _label(name), f"{indent}  "
+        label = indent + _label(name)
         parts = list(value.values() if isinstance(value, dict) else value) if _holds(value) else []
         if parts and isinstance(parts[0], dict) and "statement" in parts[0]:
             parts = [f"{f['term']} ({f['channel']}): {f['statement']}." for f in parts]
         if not any(_holds(part) or " " in str(part) for part in parts):
-            yield from _wrapped(
-                indent + label, _inline(value if factor == 1.0 or not value else factor * value)
-            )
+            thousand = value and name.endswith("_wh_per_km")
+            yield from _wrapped(label, _inline(value / 1000.0 if thousand else value))
         elif isinstance(value, dict):
-            yield from (indent + label, *_lines(value, below))
-        elif isinstance(parts[0], dict) and parts[1:]:
-            yield from (indent + label, *(below + line for line in _table(parts)))
+            yield from (label, *_lines(value, f"{indent}  "))
         elif isinstance(parts[0], dict):
-            yield from _lines({name: parts[0]}, indent)
+            several = (label, *(f"{indent}  {line}" for line in _table(parts)))
+            yield from several if parts[1:] else _lines({name: parts[0]}, indent)
         else:
             more = [f"and {len(parts) - LISTED} more"] if len(parts) > LISTED else []
             for k, part in enumerate([*parts[:LISTED], *more]):
-                yield from _wrapped("" if k else indent + label, _inline(part))
+                yield from _wrapped("" if k else label, _inline(part))
 
 
-def _label(name: str) -> tuple[str, float]:
-    """Name of a figure with its unit, and what it is multiplied by."""
-    found = re.fullmatch(f"(.+?)_({'|'.join(UNITS)})", name)
-    said = f"{found[1]} [{UNITS[found[2]]}]" if found else name
-    return said.replace("_", " "), 1e-3 if name.endswith("wh_per_km") else 1.0
+def _label(name: str) -> str:
+    """Name of a figure with its unit."""
+    found = re.fullmatch(f"(.+?)(?<!_per)_({'|'.join(UNITS)})", name)
+    return (f"{found[1]} [{UNITS[found[2]]}]" if found else name).replace("_", " ")
 
 
 def _wrapped(label: str, text: str) -> list[str]:
     """A text beside its name, its further lines below one another."""
-    kept = text.replace(" %", "\xa0%")  # No line begins with a per cent sign
-    lines = wrap(kept, WIDTH, initial_indent=f"{label:<18} ", subsequent_indent=19 * " ")
+    # No line begins with a per cent sign.
+    lines = wrap(
+        text.replace(" %", "\xa0%"), WIDTH, initial_indent=f"{label:<18} ", subsequent_indent=19 * " "
+    )
     return [line.replace("\xa0", " ") for line in lines] or [label]
 
 
 def _table(rows: list[Figures]) -> Iterator[str]:
     """Rows with names over their columns; what none has is left out, what is long or many is cut short."""
     shown = [name for name in rows[0] if any(row.get(name) not in (None, [], "") for row in rows)]
-    cells = [[_label(name)[0] for name in shown]]
-    cells += [[_cell(row.get(name)) for name in shown] for row in rows[:ROWS]]
+    cells = [[_label(n) for n in shown], *([_cell(row.get(n)) for n in shown] for row in rows[:ROWS])]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     fit = sum(end <= WIDTH for end in accumulate(width + 2 for width in widths))
     yield from ("  ".join(map(str.ljust, row[:fit], widths)).rstrip() for row in cells)
-    rest = [f"{len(rows) - ROWS} more"] * (len(rows) > ROWS) + cells[0][fit:]
-    if rest:
+    if rest := [f"{len(rows) - ROWS} more"] * (len(rows) > ROWS) + cells[0][fit:]:
         yield f"and {', '.join(rest)}: --json has them all"
 
 

@@ -158,7 +158,7 @@ def _draw_marks(axes: Axes, marks: Marks, taken: list[Extent]) -> None:
     look: Any = {"linewidths": 1.2, "alpha": 0.6 if marks.kind == "point" else 1.0, "zorder": 3}
     axes.add_collection(PatchCollection(circles, facecolors=face, edgecolors=colour, **look))
     size = 4 if marks.kind == "point" else 8
-    _key(axes, marks.note or marks.name.replace("_", " "), marker="o", mfc=face, color=colour, ms=size)
+    _key(axes, marks.name.replace("_", " "), marker="o", mfc=face, color=colour, ms=size)
     _label(axes, marks.xy, marks.labels, sizes, taken)
 
 
