@@ -132,7 +132,7 @@ def _lines(s: dict[str, Any]) -> list[str]:
     if "compare" in s:
         n, moved = s["compare"]["significant_cells"], percent(s["compare"]["moved_share"], 1)
         cells = f"{count(n, 'cell')} {'differs' if n == 1 else 'differ'}" if n else "no cell differs"
-        what = f"{cells} by more than chance; {moved} of the time is spent elsewhere"
+        what = f"{cells} by more than chance; in all, {moved} of the time is spent elsewhere"
         out.insert(0, f"Compared with {Path(s['compare']['other']).name}, {what}.")
     return out
 

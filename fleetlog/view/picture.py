@@ -37,6 +37,7 @@ STYLE = rc_params_from_file(Path(__file__).with_name("picture.mplstyle"), use_de
 SOFT, GRID = "#5a5f66", "#e3e6ea"
 MAX_BARS, MAX_LABEL = 40, 28
 SILENCE, NIGHT = 20.0, 6 * 3.6e9  # A gap of so many usual steps, or so long [us], is left out of the axis
+SPREAD = "dots: runs, bars: mean with 95 % interval"
 FEW = 60  # So many points are marked each: one alone is no line
 
 
@@ -55,7 +56,8 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
         rooms = [float(np.clip((WIDTH / n - 1.0) * ratio + 1.2, 2.8, 11.0 - 2.5 * n)) for n in map(len, rows)]
         needs = [[panel_height(s) if isinstance(s, Panel) else 0.0 for s in row] for row in rows]
         heights = [max(n) or room for n, room in zip(needs, rooms, strict=True)]
-        said = wrap(" ".join(s for s in result.lines[:2] if rows and not s.startswith(" ")), LINE)
+        # Two sentences; details and lines of a table have blanks between their parts.
+        said = wrap(" ".join([s for s in result.lines if rows and "  " not in s][:2]), LINE)
         head = 0.35 + 0.19 * len(said)
         tall = sum(heights) + head if rows else 4.0
         figure = Figure(figsize=(WIDTH, tall), dpi=DPI, layout="constrained")
@@ -254,10 +256,10 @@ def draw_spread(axes: Axes, spread: Spread) -> None:
         axes.errorbar(*ends, lw=1.2, capsize=3, **look)
     if number:
         axes.set_xticks(at, list(spread.values))
-        axes.set(xlabel=spread.x_label, ylim=(0.0, None))
+        axes.set(xlabel=f"{spread.x_label} ({SPREAD})", ylim=(0.0, None))
     else:
         axes.set_yticks(at, list(spread.values))
-        axes.set(ylabel=spread.x_label, ylim=(len(at) - 0.5, -0.5))
+        axes.set(xlabel=SPREAD, ylabel=spread.x_label, ylim=(len(at) - 0.5, -0.5))
     axes.grid(axis="y" if number else "x", color=GRID, lw=0.6)
     if any(spread.curves):
         _legend(axes, list(spread.curves))
