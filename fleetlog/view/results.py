@@ -93,6 +93,7 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
             where = np.column_stack([shape.xy, np.full(len(shape.xy), 0.2)])
             look: Any = {"radii": ui_points(3.0), "colors": [colour], "show_labels": len(where) <= 30}
             stream.static(f"{path}/labels", rr.Points3D(where, labels=list(shape.labels), **look))
+            return f"**{'Rings' if hole else 'Discs'}**: {shape.name.replace('_', ' ')}"
     return ""
 
 
