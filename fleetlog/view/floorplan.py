@@ -69,7 +69,9 @@ def draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
     if alpha is not None:
         _key(axes, "pale: no more than chance", marker="s", color="#f0d6cc")
     elif grid.mask is not None:
-        _note(axes, "No cell differs by more than chance: do not read a pattern into the colours.")
+        text = "No cell differs by more than chance: do not read a pattern into the colours."
+        look: Any = {"weight": "bold", "color": "#a03020", "ha": "left", "va": "top", "fontsize": 8.5}
+        axes.annotate(text, (0.01, 0.99), xycoords="axes fraction", zorder=7, **look)
     return image
 
 
@@ -127,12 +129,6 @@ def _draw_flows(axes: Axes, flows: Flows) -> None:
 def _key(axes: Axes, text: str, **look: Any) -> None:
     """A line of the map's legend."""
     axes.plot([], [], label=text, **{"ls": "", "ms": 7, "lw": 1.2, **look})
-
-
-def _note(axes: Axes, text: str) -> None:
-    """What to keep in mind, in the upper left corner of the map."""
-    where: Any = {"xycoords": "axes fraction", "ha": "left", "va": "top", "wrap": True, "zorder": 7}
-    axes.annotate(text, (0.01, 0.99), fontsize=8.5, weight="bold", color="#a03020", **where)
 
 
 def _draw_lines(axes: Axes, shape: MovingLines) -> None:

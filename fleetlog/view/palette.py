@@ -22,7 +22,7 @@ Colour = tuple[int, int, int]
 
 _TABLE = tomllib.loads(Path(__file__).with_name("colours.toml").read_text(encoding="utf-8"))
 _VEHICLES: list[Colour] = [(r, g, b) for r, g, b in _TABLE.pop("vehicles")]
-PLACES, ACTIVITIES, NAMED, MARKS = ({k: (*c,) for k, c in part.items()} for part in _TABLE.values())
+PLACES, ACTIVITIES, NAMED, MARKS, RINGS = ({k: (*c,) for k, c in part.items()} for part in _TABLE.values())
 SOC_GOOD, SOC_LOW, SOC_EMPTY = (64, 196, 99), (245, 195, 50), (232, 65, 60)
 
 ROAD, ROAD_EDGE, ARROW = (66, 74, 88), (120, 132, 150), (168, 180, 198)
