@@ -12,6 +12,7 @@
 ``fleetlog.cli.main`` is the one place that turns these into a line on standard error."""
 
 import difflib
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -82,9 +83,16 @@ REPORT = "please report it, with the file if you may"  # What to do about a faul
 MOST_NAMED = 40  # Known words that an error lists: all terms and kinds, not all roads of a town
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """``'did you mean X?'`` for the known word closest to ``word``, else the (first) known ones."""
+def nearest(word: str, known: Iterable[str], said: Mapping[str, str] | None = None) -> str:
+    """``'did you mean X?'`` for the known words of which the word is ``said``, or the one closest to it; else
+    the (first) known ones."""
     names = sorted(known)
+    texts = {name: re.findall("[a-z]+", text.lower()) for name, text in (said or {}).items()}
+    meant = [n for n in texts if word.lower() in n.split("_")] or [
+        n for n in texts if word.lower() in texts[n]
+    ]
+    if meant:
+        return f"did you mean {' or '.join(map(repr, meant[:4]))}?"
     if close := difflib.get_close_matches(word, names, n=1, cutoff=0.5):
         return f"did you mean {close[0]!r}?"
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""

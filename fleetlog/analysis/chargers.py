@@ -120,12 +120,16 @@ def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> l
     shapes: list[Shape] = [Grid("heat", heat, cells.x0, cells.y0, 1.0, maps.LABELS["occupancy"])]
     stands = sites["existing"] != ""
     kinds: dict[str, tuple[pd.DataFrame, Literal["charger", "charge"]]]
-    kinds = {"chargers": (sites[~stands], "charger"), "kept chargers": (sites[stands], "charge")}
+    kinds = {
+        "new site (share of demand)": (sites[~stands], "charger"),
+        "kept charger": (sites[stands], "charge"),
+    }
     for name, (of, kind) in kinds.items():
         at, labels = of[["x", "y"]].to_numpy(), tuple(of["label"])
         shapes.append(Marks(name, at, labels, np.full(len(of), 2.0), kind))
     shares = 100.0 * sites["served_share"].to_numpy()
-    shapes.append(Bars("demand_by_site", tuple(sites["label"]), shares, "demand served [%]"))
+    named = tuple(f"{n}: {e or v}" for n, e, v in zip(sites.site, sites.existing, sites.vertex, strict=True))
+    shapes.append(Bars("demand_by_site", named, shares, "demand served [%]"))
     return shapes + (_check_bars(summary["check"]) if "check" in summary else [])
 
 

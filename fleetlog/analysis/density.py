@@ -83,7 +83,7 @@ def density(
     steps["critical"] = steps["mean_speed"] < speed
     tables = {"episodes": table, "tasks": _task_table(dataset, watched, rows), "clusters": steps}
     places = {"areas": areas} if len(areas) else {}
-    shapes = [*_shapes(network, watched, clusters, areas, rows, over_time)]
+    shapes = [*_shapes(network, watched, clusters, areas, rows, over_time, rule)]
     result = Result("density", summary, tables, places, shapes, _lines(summary, areas))
     return settled(result, dataset, "Congestion", "delay_s", "episodes")
 
@@ -176,8 +176,9 @@ def _task_table(dataset: Dataset, watched: Watched, s: pd.DataFrame) -> pd.DataF
 
 
 def _shapes(
-    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: pd.DataFrame, over_time: Series
-) -> Iterator[Shape]:
+    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: pd.DataFrame,
+    over_time: Series, rule: Rule,
+) -> Iterator[Shape]:  # fmt: skip
     if len(rows):
         codes, delay = of.delay_by_place(rows)
         edge, start = (codes // PLACES).astype(np.int32), np.asarray(codes % PLACES * BIN, np.float64)
@@ -189,12 +190,13 @@ def _shapes(
     shown = np.union1d(time, after[after < watched.stop])
     cuts = np.searchsorted(c.arcs["time"], shown[1:])
     lines, critical = (tuple(np.split(c.arcs[name], cuts)[: len(shown)]) for name in ("ends", "critical"))
-    yield from (MovingLines("clusters", shown, lines, critical), over_time)
+    near = f"trucks within {rule.threshold:g} m by road"
+    yield from (MovingLines("clusters", shown, lines, critical, near), over_time)
     if len(areas):
         top = areas.head(10)
-        labels = tuple(f"{a}: {d:.0f} s" for a, d in zip(top.area, top.delay, strict=True))
+        labels = tuple(f"{a}: {d:,.0f} s" for a, d in zip(top.area, top.delay, strict=True))
         at, delay = top[["x", "y"]].to_numpy(), top.delay.to_numpy()
-        yield Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical")
+        yield Marks("area of delay, as large as its roads", at, labels, top.radius.to_numpy(), "critical")
         yield Bars("delay_by_area", tuple(f"area {a}" for a in top.area), delay, "delay [s]")
 
 
@@ -202,10 +204,10 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
     used = s["clusters"][s["used"]]
     other = s["clusters"]["all" if s["used"] == "moving_only" else "moving_only"]
     out = [
-        f"Congestion delayed {count(s['vehicles'], 'truck')} by {s['delay_s']:.0f} s in {s['hours']:.2f} h, "
+        f"Congestion delayed {count(s['vehicles'], 'truck')} by {s['delay_s']:,.0f} s in {s['hours']:.2f} h, "
         f"in {count(s['episodes'], 'critical episode')}.",
-        f"Trucks spent {used['critical_vehicle_seconds']:.0f} truck-seconds in critical clusters "
-        f"({other['critical_vehicle_seconds']:.0f} when standing trucks are "
+        f"Trucks spent {used['critical_vehicle_seconds']:,.0f} truck-seconds in critical clusters "
+        f"({other['critical_vehicle_seconds']:,.0f} when standing trucks are "
         f"{'left out' if s['used'] == 'all' else 'counted too'}), "
         f"at most {count(used['largest'], 'truck')} in one.",
     ]
@@ -214,7 +216,7 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
         part = percent(first.delay / s["delay_s"])
         out.append(f"Look first at area 1 ({first.roads}): it has {part} of the delay.")
     return out + [
-        f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:.0f} s delay "
+        f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:,.0f} s delay "
         f"({row.delay_low:.0f} to {row.delay_high:.0f}), {count(row.episodes, 'episode')}, "
         f"{count(row.vehicles, 'truck')}"
         for row in areas.head(5).itertuples()

@@ -138,11 +138,13 @@ def _lines(s: dict[str, Any]) -> list[str]:
 def _shapes(bins: pd.DataFrame, ledger: dict[str, float], edges: pd.DataFrame) -> list[Shape]:
     shapes: list[Shape] = []
     if len(edges):
-        start, end, value = edges[["from", "to", "joules_per_metre"]].to_numpy(float).T
+        start, end, joules = edges[["from", "to", "joules_per_metre"]].to_numpy(float).T
         edge = edges["edge"].to_numpy(np.int32)
-        shapes.append(EdgeValues("energy_per_metre", edge, start, end, value, "energy [J/m]"))
-    kwh, causes = np.array([*ledger.values()]), tuple(map(cause, ledger))
-    return [*shapes, Bars("energy by cause", causes, kwh, "energy [kWh]"), *_curves(bins, [*ledger])]
+        per_km, name = joules / 3600.0, "energy per kilometre by direction"  # 1 J/m: 1/3600 kWh/km
+        shapes.append(EdgeValues(name, edge, start, end, per_km, "energy [kWh/km]"))
+    known = {t: e for t, e in ledger.items() if abs(e) > 1e-4 * sum(map(abs, ledger.values()))} or ledger
+    kwh, causes = np.array([*known.values()]), tuple(map(cause, known))
+    return [*shapes, Bars("energy by cause", causes, kwh, "energy [kWh]"), *_curves(bins, [*known])]
 
 
 def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> Iterator[Shape]:
@@ -161,4 +163,4 @@ def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> Iterator[Shape]:
         # The model of the trucks and times that were measured, and of no others.
         pair = {"measured": mean("measured"), "model": mean("beside_measured")}
         both = {name: np.where(known, v, np.nan) for name, v in pair.items()}
-        yield Series("power", middle, both, *axes, over_time=True)
+        yield Series("power, measured and modelled", middle, both, *axes, over_time=True, counts=True)

@@ -47,21 +47,27 @@ def heatmap(
         raise DataError(what, do="choose a wider one, or import logs with positions")
     here = functools.reduce(HeatMap.__add__, groups.values())
     summary = _summary(dataset, here, quantity, smooth)
-    shapes: list[Shape] = [_drawn(n if by else "heat", m, quantity, smooth) for n, m in groups.items()]
+    full = {n if by else "heat": m for n, m in groups.items() if m.grid[0].any()}
+    shapes: list[Shape] = [_drawn(name, m, quantity, smooth) for name, m in full.items()]
     table = _cell_table(here)
     if by is not None:
         summary["by"] = {name: {"vehicle_hours": float(m.grid[0].sum() / 3600)} for name, m in groups.items()}
         parts = [_cell_table(m).assign(**{by: name}) for name, m in groups.items()]
         table = pd.concat(parts, ignore_index=True)
     if compare is not None:
-        share, mask = difference(here, maps.compute(compare, here.cells, hours=hours, state=load)["all"])
+        there = maps.compute(compare, here.cells, hours=hours, state=load)["all"]
+        (share, mask), f = difference(here, there), here.cells
         per_mille = np.where((here.grid[0] > 0) | (share != 0), 1000 * share, np.nan)
         moved, theirs = float(np.abs(share).sum() / 2), str(compare.path)
         summary["compare"] = {"other": theirs, "significant_cells": int(mask.sum()), "moved_share": moved}
         rows = np.nonzero(here.grid[0] > 0)
         table["difference"], table["significant"] = share[rows], mask[rows]
-        f, label = here.cells, f"share of time, {summary['dataset']} minus {Path(theirs).name} [per mille]"
-        shapes = [Grid("difference", per_mille, f.x0, f.y0, f.cell, label, True, mask)]
+        ours, other = summary["dataset"], Path(theirs).name
+        for name, m in ((ours, here), (f"{other} (other)" if other == ours else other, there)):
+            spent, label = 1000 * m.grid[0] / max(m.grid[0].sum(), 1e-12), "share of the time [per mille]"
+            shapes.append(Grid(name, spent, f.x0, f.y0, f.cell, label))
+        label = f"{ours} minus {other} [per mille of the time]"
+        shapes = [*shapes[-2:], Grid("difference", per_mille, f.x0, f.y0, f.cell, label, True, mask)]
     tables = {"cells": table}
     if (network := dataset.site.network) is not None:
         values, first = maps.values(here.edges, quantity, 1.0), maps.stretches(network)
@@ -120,15 +126,14 @@ def _lines(s: dict[str, Any]) -> list[str]:
         f"{s['cell_m']:g} m, {s['distance_km']:.1f} km, {energy}, {s['standing_hours']:.1f} h standing.",
     ]
     if "by" in s:
-        hours = [f"{n.replace('_', ' ')} {v['vehicle_hours']:.2f} h" for n, v in s["by"].items()]
+        spent = ((n.replace("_", " "), v["vehicle_hours"]) for n, v in s["by"].items())
+        hours = [f"{n} {h:.2f} h" for n, h in spent if h]
         out.append(f"Of these hours: {listed(hours[:24])}.")
     if "compare" in s:
         n, moved = s["compare"]["significant_cells"], percent(s["compare"]["moved_share"], 1)
         cells = f"{count(n, 'cell')} {'differs' if n == 1 else 'differ'}" if n else "no cell differs"
-        out.append(
-            f"Compared with {Path(s['compare']['other']).name}, {cells} by more than chance; {moved} of the "
-            "time is spent elsewhere."
-        )
+        what = f"{cells} by more than chance; in all, {moved} of the time is spent elsewhere"
+        out.insert(0, f"Compared with {Path(s['compare']['other']).name}, {what}.")
     return out
 
 

@@ -79,9 +79,11 @@ def near_misses(
     which = seconds.loc[worst.index].fillna(np.inf).idxmin(axis=1)
     labels = tuple(f"{name} {s:.1f} s" for name, s in zip(which, worst, strict=True))
     at = table.loc[worst.index, ["x", "y"]].to_numpy(float)
-    note = f"marked: the {len(at)} closest of {len(table)}" if len(table) > len(at) else ""
-    marks = Marks("near misses", at, labels, np.full(len(at), 1.0), "critical", note=note)
-    result = Result("near_misses", summary, {}, {"near_misses": table}, [marks], said)
+    every = table[["x", "y"]].to_numpy(float)
+    marks = [Marks("near miss", every, ("",) * len(every), np.full(len(every), 0.4))]
+    name = f"the {len(at)} closest, with TTC or PET" if len(at) < len(every) else "with TTC or PET"
+    marks.append(Marks(name, at, labels, np.full(len(at), 1.0), "critical"))
+    result = Result("near_misses", summary, {}, {"near_misses": table}, [*marks], said)
     return settled(result, dataset, "Near misses", "near_misses", limit=LONGEST_GAP)
 
 

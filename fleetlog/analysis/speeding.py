@@ -48,8 +48,9 @@ def speeding(
     }  # fmt: skip
     worst = table.head(WORST)
     labels, size = tuple(f"{v:.1f} m/s" for v in worst["top_speed"]), np.full(len(worst), 1.0)
-    note = f"marked: the {len(worst)} longest of {len(table)}" if len(table) > len(worst) else ""
-    marks = Marks("speeding", worst[["x", "y"]].to_numpy(float), labels, size, "critical", note=note)
+    some = f"the {len(worst)} longest of {len(table)} " if len(table) > len(worst) else ""
+    name = f"{some}drives above the limit, with the highest speed"
+    marks = Marks(name, worst[["x", "y"]].to_numpy(float), labels, size, "critical")
     result = Result("speeding", summary, {}, {"speeding": table}, [marks], _lines(summary, table))
     return settled(result, dataset, "Speeding", "events", "limited_s", "over_s", limit=MAX_GAP)
 

@@ -2,7 +2,6 @@
 
 from typing import Annotated
 
-import numpy as np
 import pandas as pd
 
 from fleetlog.core.arguments import Between
@@ -58,11 +57,12 @@ def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whol
             f"median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"
         )
     # The larger the longer trucks stand there.
-    sized = table.assign(size=3.0 * np.sqrt(table.dwell_total / max(table.dwell_total.max() or 0.0, 1.0)))
+    ring = 3.0 * (table.dwell_total / max(table.dwell_total.max() or 0.0, 1.0)) ** 0.5
+    drawn = ((f"trucks {k} here (larger: longer)", table[table.kind == k], k) for k in KINDS)
     marks: list[Shape] = [
-        Marks(f"{kind} places", t[["x", "y"]].to_numpy(float), tuple(t.place), t["size"].to_numpy(), kind)
-        for kind in KINDS
-        if len(t := sized[sized.kind == kind])
+        Marks(name, t[["x", "y"]].to_numpy(float), tuple(t.place), ring[t.index].to_numpy(), kind)
+        for name, t, kind in drawn
+        if len(t)
     ]
     return Result("stops", summary, {"flows": flows}, {"places": table}, marks, lines)
 

@@ -52,7 +52,7 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
     per = real.groupby("vehicle_id").distance.sum() / 1000.0
     bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
     at = real[["x_end", "y_end"]].to_numpy(float)
-    ends = Marks("trip ends", at, ("",) * len(at), np.full(len(at), 0.3))
+    ends = Marks("end of a trip", at, ("",) * len(at), np.full(len(at), 0.3))
     tables, lines = {"trips": table, "pairs": pairs}, _lines(summary, pairs, min_distance)
     return Result("trips", summary, tables, {}, [_flows(dataset, real), ends, bars], lines)
 
@@ -88,7 +88,7 @@ def _lines(s: dict[str, Any], pairs: pd.DataFrame, shortest: float) -> list[str]
         left_out = f", without {count(n, 'trip')} to a charger" if (n := s["trips_charged"]) else ""
         out.append(
             f"Where power is known, trips took {s['energy_wh'] / 1000.0:.2f} kWh, "
-            f"{s['energy_wh_per_km']:.0f} Wh/km, stops included{left_out}."
+            f"{s['energy_wh_per_km'] / 1000.0:.3f} kWh/km, stops included{left_out}."
         )
     for r in pairs.head(5).to_dict("records"):
         if r["from_place"] and r["to_place"]:

@@ -70,7 +70,8 @@ def utilisation(dataset: Dataset) -> Result:
     lines = [f"{known:.1f} truck hours: {said.replace('_', ' ')}." if known else nothing]
     if len(hours) > 1 and total["idle"]:
         idle = hours["idle"] / hours.drop(columns="no_data").sum(axis=1).clip(lower=1e-9)
-        lines.append(f"{idle.idxmax()} is idle most: {percent(idle.max())} of its time.")
+        if (most := percent(idle.max())) != percent(0.0):
+            lines.append(f"{idle.idxmax()} is idle most: {most} of its time.")
     tables = {"states": table, "utilisation": hours.reset_index(names="vehicle_id")}
     return Result("utilisation", summary, tables, {}, [state_bars("utilisation", hours)], lines)
 

@@ -44,14 +44,13 @@ class EdgeValues:
 @dataclass(frozen=True)
 class Marks:
     """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas. ``size`` (N,) in metres.
-    ``note`` says in the picture which of many they are."""
+    ``name`` says in the legend what each is."""
 
     name: str
     xy: Floats
     labels: tuple[str, ...]
     size: Floats
     kind: Literal["place", "charger", "critical", "point", "pick", "drop", "park", "charge"] = "point"
-    note: str = ""
 
     def __post_init__(self) -> None:
         """What has no place is no mark."""
@@ -76,18 +75,20 @@ class Flows:
 
 @dataclass(frozen=True)
 class MovingLines:
-    """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m) with flags."""
+    """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m) with flags; the
+    legend calls them ``label``."""
 
     name: str
     time: Ints
     lines: tuple[Floats, ...]
     critical: tuple[Mask, ...]
+    label: str = ""
 
 
 @dataclass(frozen=True)
 class Series:
     """Curves over time or another axis: ``x`` (N,) (int64 us when ``over_time``), ``y`` by name. The axis of
-    ``counts`` begins at zero."""
+    ``counts`` has zero in it."""
 
     name: str
     x: Array

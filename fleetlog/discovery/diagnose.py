@@ -126,11 +126,11 @@ def _hidden(e: Explained) -> list[str]:
     """What a channel hides, and what is slight. No travel time is known better than the profile is right."""
     channel, settings, notes = e.problem.channel, e.problem.settings, list(e.problem.channel.notes)
     if channel.model_error > max(settings.material, settings.profile_error):
-        least = f"{channel.name}: the time between rows hides what changes it by less than "
+        least = f"{channel.name}: rows are too far apart to show effects of less than "
         notes.append(least + percent(channel.model_error))
     if e.strain > settings.material:
-        many = f"numbers of the truck file, each off within its tolerance, change {percent(e.strain)} in all"
-        notes.append(f"{channel.name}: {many}, more than by chance: one of them may be far off")
+        many = f"numbers of the truck file, each within its tolerance, change {percent(e.strain)} together"
+        notes.append(f"{channel.name}: {many}, more than chance would: one of them may be far off")
     if e.slight is not None:
         h, share = e.slight
         notes.append(f"{channel.name}: {words.slight(h.term, h.depends_on, share, settings.material)}")
@@ -142,4 +142,5 @@ def check(**names: Sequence[str]) -> None:
     """Raise :class:`ArgumentError` where a name of an option is unknown."""
     known = {"channels": CHANNELS, "terms": tuple(all_terms()), "without": COLUMNS}
     for option, name in ((o, n) for o, given in names.items() for n in given if n not in known[o]):
-        raise ArgumentError(f"unknown {name!r}", where=f"--{option}", do=nearest(name, known[option]))
+        do = nearest(name, known[option], words.said_of_terms() if option == "terms" else {})
+        raise ArgumentError(f"unknown {name!r}", where=f"--{option}", do=do)

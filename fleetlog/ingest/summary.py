@@ -83,7 +83,8 @@ class ImportSummary:
         out = _file_lines(self.files)
         if self.rows:
             whose = f"{count(len(self.vehicles), 'vehicle')}, {count(self.trips, 'trip')}"
-            out.append(f"{count(self.rows, 'row')} of {whose}, {self.start} to {self.end}")
+            first, last = (str(t)[:19].replace("T", " ") for t in (self.start, self.end))
+            out.append(f"{count(self.rows, 'row')} of {whose}, {first} to {last} UTC")
         if self.rows_joined:
             out.append(f"{self.rows_joined:,} rows without a position were joined to those with one")
         if self.derived:

@@ -180,25 +180,25 @@ def _result(
     if len(lacking) > 8:
         lines.append(f"and {len(lacking) - 8} more proposals in proposals.parquet")
     edges, passes = np.arange(len(network), dtype=np.int32), table["passes"].to_numpy(float)
-    driven = EdgeValues("roads", edges, np.zeros(len(network)), network.length, passes, "passes")
+    driven = EdgeValues("roads", edges, np.zeros(len(network)), network.length, passes, "passages")
     tables = {"roads": table}
     shapes: list[Shape] = [_traces(cells), driven]
     if lacking:
         tables["proposals"] = pd.DataFrame(lacking)
         xy, kind = np.array([(p["x"], p["y"]) for p in lacking]), tuple(p["kind"] for p in lacking)
-        shapes.append(Marks("proposals", xy, kind, np.ones(len(lacking)), "critical"))
+        shapes.append(Marks("proposed change of the map", xy, kind, np.ones(len(lacking)), "critical"))
     return Result("learn", summary, tables, {"places": places}, shapes, lines)
 
 
 def _traces(cells: Driven) -> Grid:
-    """Metres driven in each square of the floor."""
+    """Metres driven on each square metre of the floor."""
     x0, y0 = float(cells.x.min()), float(cells.y.min())
     width, height = float(np.ptp(cells.x)), float(np.ptp(cells.y))
     side = max(SIDE, float(np.sqrt((width + 1.0) * (height + 1.0) / MOST_SQUARES)))
     edges = [low + side * np.arange(int(long / side) + 2) for low, long in ((y0, height), (x0, width))]
     metres, _, _ = np.histogram2d(cells.y, cells.x, edges, weights=cells.weight)
     metres[metres <= 0.0] = np.nan
-    return Grid("traces", np.log10(metres), x0, y0, side, "log10 of metres driven")
+    return Grid("traces", metres / side**2, x0, y0, side, "metres driven on each square metre")
 
 
 def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from fleetlog.core.site import Site
 from fleetlog.report.facts import Facts
 from fleetlog.view.picture import Layer, Panel, svg
 
-_TABLES = Path(__file__).with_name("templates") / "tables.toml"
+TABLES = tomllib.loads(Path(__file__).with_name("templates").joinpath("tables.toml").read_text("utf-8"))
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,12 @@ class Table:
     right: list[bool]
     caption: str = ""
     more: int = 0  # Rows that are left out here, and are in the tables
+
+    @property
+    def wide(self) -> bool:
+        """Whether it takes more than half a page: its longest texts, headings by words, in letters."""
+        heads = [max(map(len, head.split() or [""])) for head in self.head]
+        return sum(2 + max(h, *(len(r[k]) for r in self.rows), 0) for k, h in enumerate(heads)) > 57
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,7 @@ def table(frame: pd.DataFrame, columns: str, caption: str = "", most: int = 60) 
     """The first rows of a frame; ``columns``, or those of this name in ``tables.toml``, are lines of
     ``heading=column`` or ``heading=column format``: one of Python's, ``%`` for a share, ``t`` for a local
     time. Unknown columns are left out."""
-    lines = tomllib.loads(_TABLES.read_text(encoding="utf-8")).get(columns, columns).strip().splitlines()
+    lines = TABLES.get(columns, columns).strip().splitlines()
     specs = [(head, *f"{spec} ".split(" ")[:2]) for head, spec in (line.split("=") for line in lines)]
     shown = [spec for spec in specs if spec[1] in frame]
     rows = [[_cell(row[name], how) for _, name, how in shown] for row in frame.head(most).to_dict("records")]

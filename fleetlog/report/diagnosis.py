@@ -95,7 +95,7 @@ def _todo(findings: list[Finding], zone: str) -> Table | None:
 
 
 def _plain(name: str) -> str:
-    return name.replace("_", " ")
+    return "state of charge" if name == "soc" else name.replace("_", " ")
 
 
 def _when(f: Finding, zone: str) -> str:

@@ -11,7 +11,7 @@ from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
 from fleetlog.core.words import count, listed, reasons
 from fleetlog.physics.power import cause
-from fleetlog.report.content import Part, number, picture, table
+from fleetlog.report.content import TABLES, Part, number, picture, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
 from fleetlog.simulate.limits import told_limits
@@ -21,11 +21,9 @@ from fleetlog.store.trips import MAX_GAP
 S = TypeVar("S", Bars, Grid, EdgeValues)
 ENERGY_SUMS = ("used_kwh", "charged_kwh", "energy_km", "energy_h", "measured_h", "logged_h", "cost", "co2_kg")
 STEP = 60_000_000  # Of the curves [us]
+SLIVER = 0.01  # Of the fullest hour: what begins with the last row of a log is no hour
 FEW = 8  # More curves than this are drawn as lowest, median and highest of the fleet
-CHANNELS = {
-    "speed": "speed", "payload": "load", "fork_height": "forks", "battery_power": "power",
-    "soc": "state of charge", "ambient_temperature": "temperature",
-}  # fmt: skip
+CHANNELS = TABLES["channels"]
 
 
 def shapes(facts: Facts, name: str, kind: type[S]) -> list[S]:
@@ -40,7 +38,8 @@ def utilisation_part(f: Facts) -> Part:
     by_truck = hours.groupby(level="vehicle_id").sum()
     of_day = f.local(hours.index.get_level_values("start").to_series()).dt.strftime("%H:00").to_numpy()
     by_hour = hours.groupby(of_day).sum()
-    by_hour = by_hour[by_hour.drop(columns="no_data").sum(axis=1) > 0.0]
+    logged = by_hour.drop(columns="no_data").sum(axis=1)
+    by_hour = by_hour[logged > SLIVER * logged.max()]
     blocks = [picture(f, state_bars("by truck", by_truck), "What each truck does")]
     if len(by_hour) > 1:
         bars = state_bars("by hour of the day", by_hour)
@@ -70,7 +69,7 @@ def work(f: Facts) -> Part:
     part = Part([], [table(trucks, "work", "Work by truck")])
     start = f.ledger.index.get_level_values("start").to_series()
     hours = f.ledger[["tasks", "hours"]].groupby(start.dt.floor("h").to_numpy()).sum(min_count=1)
-    hourly = hours.loc[hours["hours"] > 0.0, "tasks"]
+    hourly = hours.loc[hours["hours"] > SLIVER * hours["hours"].max(), "tasks"]
     if len(hourly) > 1 and hourly.notna().any():
         # An hour of nothing ends every shift: no curve runs on through the night.
         hourly = hourly.reindex(hourly.index.union(hourly.index + pd.Timedelta("1h")))
@@ -112,7 +111,7 @@ def energy_part(f: Facts) -> Part:
             part.lines.append(f"Where energy was measured, the model gives {more}.")
         pictures: dict[str, Sequence[Bars | EdgeValues]] = {
             "Energy of the model by cause, all trucks": shapes(f, "energy", Bars),
-            "Energy per metre of road, by direction": shapes(f, "energy", EdgeValues),
+            "Energy per kilometre, by direction of the road": shapes(f, "energy", EdgeValues),
         }
         part.blocks += [picture(f, drawn, what) for what, found in pictures.items() for drawn in found]
     return part

@@ -235,8 +235,8 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[tuple[Truck, ...],
         mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
         for k in group:
             found[k] = replace(truck, drive=replace(truck.drive, **mean))
-    untold = "reaction times of drivers cannot be told: a truck set off right behind another"
-    return tuple(found), [f"{untold} {count(len(every), 'time')}"] if len(every) < FEW else []
+    untold = f"reaction times of drivers are unknown: only {count(len(every), 'start')} right behind a truck"
+    return tuple(found), [untold] if len(every) < FEW else []
 
 
 def delays(dataset: Dataset, length: float) -> list[Floats]:

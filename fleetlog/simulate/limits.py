@@ -46,7 +46,7 @@ class Limits:
 def told_limits(told: dict[str, Any]) -> str:
     """The bottleneck in words, of :class:`Limits` as a dictionary."""
     wait, b = told["task_wait_s"], told["bottleneck"]
-    tasks = f"tasks wait {wait['mean']:.0f} s for a truck on average, {wait['longest']:.0f} s at most"
+    tasks = f"tasks wait {wait['mean']:,.0f} s for a truck on average, {wait['longest']:,.0f} s at most"
     if b is None:
         return f"bottleneck: none, the fleet does what is asked of it; {tasks}"
     name, kind, several = b["name"], b["kind"], f"{b['count']} trucks" if b["count"] > 1 else "only truck"

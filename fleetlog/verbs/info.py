@@ -1,10 +1,13 @@
 """Describe a dataset, log, map, site, truck or recording, or a folder that fleetlog wrote."""
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
+from itertools import accumulate
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -23,7 +26,11 @@ from fleetlog.store.output import MARK
 
 Figures = dict[str, Any]
 LISTED = 30  # Entries of a list that are shown
-UNITS = {"m": "m", "s": "s", "km": "km", "kwh": "kWh", "kg": "kg", "w": "W"}
+WIDTH, ROWS, MOST = 100, 12, 40  # Letters of a line; rows of a table that are shown, letters of a cell
+UNITS = {
+    "wh_per_km": "kWh/km", "m_s": "m/s", "kwh": "kWh", "w": "W", "wh": "Wh", "m": "m", "s": "s", "km": "km",
+    "kg": "kg",
+}  # fmt: skip
 
 
 @verb()
@@ -55,19 +62,53 @@ def told(figures: Figures) -> list[str]:
 def _lines(figures: Figures, indent: str = "  ") -> Iterator[str]:
     """Each figure behind its name; what holds figures or sentences of its own goes below."""
     for name, value in figures.items():
-        what, _, unit = name.rpartition("_")
-        label = indent + (f"{what} [{UNITS[unit]}]" if what and unit in UNITS else name).replace("_", " ")
+        label = indent + _label(name)
         parts = list(value.values() if isinstance(value, dict) else value) if _holds(value) else []
+        if parts and isinstance(parts[0], dict) and "statement" in parts[0]:
+            parts = [f"{f['term']} ({f['channel']}): {f['statement']}." for f in parts]
         if not any(_holds(part) or " " in str(part) for part in parts):
-            yield f"{label:<18} {_inline(value)}"
+            thousand = value and name.endswith("_wh_per_km")
+            yield from _wrapped(label, _inline(value / 1000.0 if thousand else value))
         elif isinstance(value, dict):
-            yield label
-            yield from _lines(value, f"{indent}  ")
+            yield from (label, *_lines(value, f"{indent}  "))
+        elif isinstance(parts[0], dict):
+            several = (label, *(f"{indent}  {line}" for line in _table(parts)))
+            yield from several if parts[1:] else _lines({name: parts[0]}, indent)
         else:
-            for part in parts[:LISTED]:
-                yield from _lines({name: part}, indent)
-            if len(parts) > LISTED:
-                yield f"{label:<18} and {len(parts) - LISTED} more"
+            more = [f"and {len(parts) - LISTED} more"] if len(parts) > LISTED else []
+            for k, part in enumerate([*parts[:LISTED], *more]):
+                yield from _wrapped("" if k else label, _inline(part))
+
+
+def _label(name: str) -> str:
+    """Name of a figure with its unit."""
+    found = re.fullmatch(f"(.+?)(?<!_per)_({'|'.join(UNITS)})", name)
+    return (f"{found[1]} [{UNITS[found[2]]}]" if found else name).replace("_", " ")
+
+
+def _wrapped(label: str, text: str) -> list[str]:
+    """A text beside its name, its further lines below one another."""
+    # No line begins with a per cent sign.
+    lines = wrap(
+        text.replace(" %", "\xa0%"), WIDTH, initial_indent=f"{label:<18} ", subsequent_indent=19 * " "
+    )
+    return [line.replace("\xa0", " ") for line in lines] or [label]
+
+
+def _table(rows: list[Figures]) -> Iterator[str]:
+    """Rows with names over their columns; what none has is left out, what is long or many is cut short."""
+    shown = [name for name in rows[0] if any(row.get(name) not in (None, [], "") for row in rows)]
+    cells = [[_label(n) for n in shown], *([_cell(row.get(n)) for n in shown] for row in rows[:ROWS])]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    fit = sum(end <= WIDTH for end in accumulate(width + 2 for width in widths))
+    yield from ("  ".join(map(str.ljust, row[:fit], widths)).rstrip() for row in cells)
+    if rest := [f"{len(rows) - ROWS} more"] * (len(rows) > ROWS) + cells[0][fit:]:
+        yield f"and {', '.join(rest)}: --json has them all"
+
+
+def _cell(value: Any) -> str:
+    text = f"{value:.4g}" if isinstance(value, float) else "-" if value is None else _inline(value)
+    return text if len(text) <= MOST else f"{text[: MOST - 1]}…"
 
 
 def _holds(value: Any) -> bool:
@@ -82,7 +123,8 @@ def _inline(value: Any) -> str:
         return ", ".join([*map(_inline, value[:LISTED]), *more]) or "none"
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    moment = re.sub(r"^(\d{4}-\d\d-\d\d)T(\d\d:\d\d:\d\d)[.\d]*(Z|\+00:00)$", r"\1 \2 UTC", str(value))
+    return f"{value:.6g}" if isinstance(value, float) else moment
 
 
 def describe(path: Path) -> Figures:

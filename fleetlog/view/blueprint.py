@@ -15,6 +15,14 @@ from fleetlog.view.stream import TIMELINE, Stream
 FIELD_OF_VIEW = np.radians(55.0)  # Of the viewer's eye, in height
 ASPECT = 1.9  # Width by height of a view of the floor in a window of 16:9
 LONG, WINDOW = 900.0, (-240.0, 60.0)  # From this duration on plots show a window about the cursor [s]
+COLUMN, FRAME, NAME = (
+    815.0,
+    90.0,
+    23.0,
+)  # Height of all plots, of one but its legend, of a name there [points]
+MOST = (
+    2.5  # Shares of a plot that is high for its legend; where that is not enough, names stand at the trucks
+)
 PLOT, LEGEND, LETTER = 583.0, 58.0, 5.4  # Width of a plot, a legend without its words, a letter [points]
 CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "State of charge [%]"}
 TRAIL = 40.0  # Of the way behind a truck so much is shown [s]
@@ -173,17 +181,25 @@ def replay(stream: Stream, screen: Screen, latitude: float | None) -> None:
         contents = ["/geo/**", *screen.paths("geo")]
         below.append(rrb.MapView(origin="/", name="Map", contents=contents, zoom=zoom))
     doing = activity_views(screen)
-    right = [*doing, *curve_views(screen)]
     first = min(screen.lanes / 2.4, 4.0) if screen.lanes else 1.7 if doing else 1.0
+    curves = curve_views(screen)
+    right = [*doing, *curves]
     summary = rrb.TextDocumentView(origin="/summary", name="Summary")
     if doing and len(below) > 1:
         # Activities take the summary's place, and it shares that of the map.
         below[1] = rrb.Tabs(below[1], summary)
     else:
         right.append(summary)
+    shares = [first, *[1.0] * (len(right) - 1)]
+    if curves and screen.legend:
+        # The plot with the legend is as high as its names need: the viewer cuts off what does not fit.
+        told = len(doing) + (len(curves) - 1 if "soc" in screen.signals else 0)
+        need = min(FRAME + NAME * len(screen.names), COLUMN - 1.0)
+        high = need / (COLUMN - need) * (sum(shares) - shares[told])
+        screen.legend = high <= MOST
+        shares[told] = max(high, 1.0) if screen.legend else 1.0
+        right[len(doing) : len(doing) + len(curves)] = curve_views(screen)
     plans = rrb.Horizontal(*below, column_shares=[3, 2][: len(below)])
-    columns = [
-        rrb.Vertical(floor_view(screen, "Site"), plans, row_shares=[3, 2]),
-        rrb.Vertical(*right, row_shares=[first, *[1.0] * (len(right) - 1)]),
-    ]
+    site = rrb.Vertical(floor_view(screen, "Site"), plans, row_shares=[3, 2])
+    columns = [site, rrb.Vertical(*right, row_shares=shares)]
     send(stream, screen, columns, [5, 3])

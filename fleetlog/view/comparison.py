@@ -14,18 +14,10 @@ from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, clock, palette
 from fleetlog.view.clock import dataset_outline, opened
 from fleetlog.view.fleet import Fleet, curve_style, log_curve
-from fleetlog.view.recording import MANY, RATE, drawn, log_fleet, summary_markdown
+from fleetlog.view.recording import DIFFERENCES, MANY, RATE, TOTALS, drawn, log_fleet, summary_markdown
 from fleetlog.view.scene import log_site
 from fleetlog.view.stream import Stream, entity, open_stream
 
-DIFFERENCES = {
-    "apart": "Distance apart [m]", "power": "Power, simulated - recorded [kW]",
-    "energy": "Energy so far, simulated - recorded [kWh]", "soc": "Charge, simulated - recorded [%]",
-}  # fmt: skip
-TOTALS = {
-    "driving": "Trucks driving", "distance": "Distance so far, all trucks [km]",
-    "used": "Energy so far, all trucks [kWh]",
-}  # fmt: skip
 BIN = 10_000_000  # Step of the totals [us]
 SLOW = frozenset({"energy", "soc", "distance", "used"})  # Shown as a whole, also in a long recording
 

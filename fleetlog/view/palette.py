@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import colorsys
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,27 +20,16 @@ if TYPE_CHECKING:
 
 Colour = tuple[int, int, int]
 
-# Okabe and Ito's colours, which colour-blind people tell apart; on dark ground blue is lighter, no black.
-_VEHICLES: tuple[Colour, ...] = (
-    (86, 180, 233), (230, 159, 0), (0, 190, 140), (240, 228, 66), (204, 121, 167), (213, 94, 0),
-    (90, 130, 255),
-)  # fmt: skip
-
+_TABLE = tomllib.loads(Path(__file__).with_name("colours.toml").read_text(encoding="utf-8"))
+_VEHICLES: list[Colour] = [(r, g, b) for r, g, b in _TABLE.pop("vehicles")]
+PLACES, ACTIVITIES, NAMED, MARKS, RINGS = ({k: (*c,) for k, c in part.items()} for part in _TABLE.values())
 SOC_GOOD, SOC_LOW, SOC_EMPTY = (64, 196, 99), (245, 195, 50), (232, 65, 60)
 
 ROAD, ROAD_EDGE, ARROW = (66, 74, 88), (120, 132, 150), (168, 180, 198)
 ONE_WAY = (64, 86, 108)
 BUILDING, BUILDING_EDGE = (150, 160, 178), (150, 160, 178)
 COVERED, LIMITED = (120, 130, 190), (220, 170, 70)
-PLACES: dict[str, Colour] = {
-    "pick": (86, 180, 233), "drop": (204, 121, 167), "park": (165, 172, 182), "charge": (64, 196, 99),
-}  # fmt: skip
 CHARGING, RESERVED, WAITING = (110, 245, 140), (255, 176, 66), (132, 138, 150)
-ACTIVITIES: dict[str, Colour] = {
-    "drive_empty": (62, 116, 158), "drive_laden": (86, 180, 233), "wait": (232, 65, 60),
-    "wait_place": (165, 70, 60), "pick": (240, 228, 66), "drop": (230, 159, 0), "charge": (64, 196, 99),
-    "wait_charger": (204, 121, 167), "park": (74, 80, 92), "battery_empty": (140, 20, 30),
-}  # fmt: skip
 STAGES = {"waiting": WAITING, "being fetched": (62, 116, 158), "on the forks": (86, 180, 233)}
 CRITICAL, CALM = (232, 65, 60), (130, 190, 220)
 RECORDED, SIMULATED = (230, 159, 0), (86, 180, 233)
@@ -48,13 +39,6 @@ PAPER, SCREEN, DIVERGING = "magma_r", "inferno", "RdBu_r"
 SIGNS = ((120, 200, 255), (50, 120, 220), (104, 107, 113), (225, 90, 50), (255, 180, 120))
 """Below zero, zero and above on the dark ground: bright is far from zero."""
 SKEWED = 8.0  # Where the largest values are this many times the median, colours follow their logarithm
-NAMED: dict[str, Colour] = {
-    "recorded": (40, 44, 52), "measured": (40, 44, 52), "model before": (214, 120, 40),
-    "model after": (31, 119, 180), "model": (31, 119, 180), "driving_laden": (31, 119, 180),
-    "driving_empty": (140, 190, 225), "driving": (86, 150, 205), "handling": (240, 180, 50),
-    "waiting": (214, 80, 60), "standing": (225, 150, 90), "charging": (64, 170, 90),
-    "idle": (176, 182, 190), "no_data": (225, 228, 232),
-}  # fmt: skip
 
 
 def vehicle_colour(number: int) -> Colour:

@@ -3,76 +3,85 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import matplotlib
 import numpy as np
 import pandas as pd
+from matplotlib import rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import MaxNLocator
 
 from fleetlog.core.arrays import Array, Floats
 from fleetlog.core.result import Bars, EdgeValues, Grid, Result, Series, Spread, half_width
 from fleetlog.core.site import Site
+from fleetlog.view import floorplan as floor
 from fleetlog.view import palette
-from fleetlog.view.floorplan import draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
 from fleetlog.view.palette import Scale, scales_of
 
 Panel = Series | Bars | Spread
 Layer = Grid | EdgeValues
 WIDTH, DPI = 10.0, 150
+LINE = 135  # Letters of the answer that fit on a line over the picture
+WIDE = 0.6  # Two maps less high than this share of their width stand one below the other
 PANEL_HEIGHT = 2.4
 MAX_MAPS, MAX_PANELS = 24, 6
 ON_PAGE = 5.6  # Width of a picture on a page [inches]: its text stays readable on a phone
-STYLE: Any = {
-    "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.5, "axes.titlelocation": "left",
-    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#5a5f66",
-    "axes.labelcolor": "#33373d", "xtick.color": "#5a5f66", "ytick.color": "#5a5f66", "legend.frameon": False,
-    "legend.fontsize": 8.0, "axes.grid": False, "text.parse_math": False,
-}  # fmt: skip
+STYLE = rc_params_from_file(Path(__file__).with_name("picture.mplstyle"), use_default_template=False)
 SOFT, GRID = "#5a5f66", "#e3e6ea"
 MAX_BARS, MAX_LABEL = 40, 28
 SILENCE, NIGHT = 20.0, 6 * 3.6e9  # A gap of so many usual steps, or so long [us], is left out of the axis
+SPREAD = "dots: runs, bars: mean with 95 % interval"
 FEW = 60  # So many points are marked each: one alone is no line
 
 
 def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
-    """Draw the shapes of a result, 1500 points wide: a map a grid and a set of road values, then panels."""
+    """Draw the answer and the shapes of a result, 1500 points wide: a map a grid and a set of road values,
+    then panels."""
     maps: list[Any] = [s for s in result.shapes if isinstance(s, Layer)][:MAX_MAPS]
     if not maps and any(not isinstance(s, Panel) for s in result.shapes):
         maps = [None]
-    panels = [s for s in result.shapes if isinstance(s, Panel)][:MAX_PANELS]
+    ratio = _map_ratio(result, site)
+    side = 1 if len(maps) == 2 and ratio < WIDE else 2
+    panels: list[Any] = [s for s in result.shapes if isinstance(s, Panel)][:MAX_PANELS]
+    rows = [maps[k : k + side] for k in range(0, len(maps), side)]
+    rows += [panels[k : k + 2] for k in range(0, len(panels), 2)]
     with matplotlib.rc_context(STYLE):
-        columns, beside = (2 if len(shown) > 1 else 1 for shown in (maps, panels))
-        room = (WIDTH / columns - 1.0) * _map_ratio(result, site) + 0.9
-        heights = [float(np.clip(room, 2.6, 8.5 if columns == 1 else 6.0))] * -(-len(maps) // columns)
-        needs = list(map(panel_height, panels))
-        heights += [max(PANEL_HEIGHT, *needs[k : k + beside]) for k in range(0, len(needs), beside)]
-        figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
+        rooms = [float(np.clip((WIDTH / n - 1.0) * ratio + 1.2, 2.8, 11.0 - 2.5 * n)) for n in map(len, rows)]
+        needs = [[panel_height(s) if isinstance(s, Panel) else 0.0 for s in row] for row in rows]
+        heights = [max(n) or room for n, room in zip(needs, rooms, strict=True)]
+        # Two sentences; details and lines of a table have blanks between their parts.
+        said = wrap(" ".join([s for s in result.lines if rows and "  " not in s][:2]), LINE)
+        head = 0.35 + 0.19 * len(said)
+        tall = sum(heights) + head if rows else 4.0
+        figure = Figure(figsize=(WIDTH, tall), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
         engine: Any = figure.get_layout_engine()
-        engine.set(w_pad=0.08, h_pad=0.05, hspace=0.03)
-        figure.suptitle(f"{site.name}: {result.name.replace('_', ' ')}", x=0.01, ha="left", weight="bold")
-        if not heights:
+        engine.set(w_pad=0.08, h_pad=0.05, hspace=0.03, rect=(0.0, 0.0, 1.0, 1.0 - head / tall))
+        title = f"{site.name}: {result.name.replace('_', ' ')}"
+        figure.text(0.01, 1.0 - 0.1 / tall, title, va="top", weight="bold", fontsize=12)
+        figure.text(0.01, 1.0 - 0.34 / tall, "\n".join(said), va="top", color=floor.INK)
+        if not rows:
             figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")
         else:
-            cells = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-            first = len(heights) - -(-len(panels) // beside)
-            for shown, across, row in ((maps, columns, 0), (panels, beside, first)):
-                for k, shape in enumerate(shown):
-                    alone = across == 1 or (shown is panels and k == len(shown) - 1 and k % 2 == 0)
-                    spot = cells[row + k // across, slice(None) if alone else k % 2]
-                    _draw(figure.add_subplot(spot), shape, result, site)
+            seen: set[str] = set()
+            cells = figure.add_gridspec(len(rows), 2, height_ratios=heights)
+            for k, row in enumerate(rows):
+                for j, shape in enumerate(row):
+                    spot = cells[k, j if row[1:] else slice(None)]
+                    _draw(figure.add_subplot(spot), shape, result, site, told=seen)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})
     return Path(out_png)
 
 
 def _map_ratio(result: Result, site: Site) -> float:
-    x0, y0, x1, y1 = frame_map(result, site)
+    x0, y0, x1, y1 = floor.frame_map(result, site)
     return (y1 - y0) / (x1 - x0)
 
 
@@ -89,10 +98,10 @@ def svg(
         if isinstance(shape, Panel):
             height = panel_height(shape)
         else:
-            height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
+            height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.3, 2.4, 7.0))
         figure = Figure(figsize=(ON_PAGE, height), dpi=DPI, layout="constrained")
         FigureCanvasSVG(figure)
-        _draw(figure.add_subplot(), shape, result, site, scale, zone)
+        _draw(figure.add_subplot(), shape, result, site, scale, zone, told={*floor.AREAS})
         for axes in figure.axes:
             axes.set_title("", loc="left")  # a page says it beside the picture
         out, nothing = io.StringIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -102,29 +111,34 @@ def svg(
 
 def _draw(
     axes: Axes, shape: Layer | Panel | None, result: Result, site: Site, scale: Scale | None = None,
-    zone: str | None = None,
+    zone: str | None = None, *, told: set[str],
 ) -> None:  # fmt: skip
-    """A panel, or a map."""
+    """A panel, or a map with a legend of what is not ``told`` yet; that grows by it."""
     if shape is not None:
-        axes.set_title(shape.y_label if isinstance(shape, Spread) else shape.name.replace("_", " "))
+        title = shape.y_label if isinstance(shape, Spread) else shape.name.replace("_", " ")
+        axes.set_title("" if shape.name == result.name else f"{title[:1].upper()}{title[1:]}")
     axes.set_axisbelow(True if isinstance(shape, Panel) else "line")
     if isinstance(shape, Series):
         draw_series(axes, shape, zone or site.timezone)
     elif isinstance(shape, Spread):
         draw_spread(axes, shape)
     elif isinstance(shape, Bars):
-        draw_bars(axes, shape)
+        draw_bars(axes, shape, [s for s in result.shapes if isinstance(s, Series)])
     else:
         _draw_map(axes, shape, result, site, scale)
+        keys = sorted(zip(*axes.get_legend_handles_labels(), strict=True), key=lambda k: k[1] in floor.AREAS)
+        if keys := [(handle, name) for handle, name in keys if name not in told]:
+            _legend(axes, [name for _, name in keys], [handle for handle, _ in keys])
+            told |= {name for _, name in keys}
 
 
 def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale: Scale | None) -> None:
-    x0, y0, x1, y1 = frame_map(result, site)
+    x0, y0, x1, y1 = floor.frame_map(result, site)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal")
-    draw_site(axes, site)
+    floor.draw_site(axes, site)
     if isinstance(layer, Grid) or (isinstance(layer, EdgeValues) and site.network is not None):
         scale = scale or scales_of(result.shapes)[layer.name]
-        draw: Any = draw_grid if isinstance(layer, Grid) else draw_edges
+        draw: Any = floor.draw_grid if isinstance(layer, Grid) else floor.draw_edges
         ticks: Any = scale.ticks()
         side = "horizontal" if x1 - x0 > 1.3 * (y1 - y0) else "vertical"
         if ticks is None and not np.mod(layer.values[np.isfinite(layer.values)], 1.0).any():
@@ -135,8 +149,8 @@ def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale
             orientation=side, format=None if ticks is None else "%g", shrink=0.7, aspect=30, pad=0.02,
         )  # fmt: skip
         bar.outline.set_visible(False)
-    draw_overlay(axes, result)
-    draw_furniture(axes, site)
+    floor.draw_overlay(axes, result, site)
+    floor.draw_furniture(axes, site)
 
 
 def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
@@ -160,7 +174,7 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
     axes.set_ylabel(series.y_label)
     axes.margins(x=0)
     if series.counts:
-        axes.set_ylim(bottom=0.0)
+        axes.set_ylim(bottom=axes.get_ylim()[0] if (values < 0.0).any() else 0.0)
     axes.grid(axis="y", color=GRID, lw=0.6)
     if len(names) > 1:
         _legend(axes, names)
@@ -189,16 +203,22 @@ def _over_time(axes: Axes, x: Array, values: Floats, zone: str) -> tuple[Array, 
     return np.insert(at, cut + 1, 0.5 * (at[cut] + at[cut + 1])), np.insert(values, cut + 1, np.nan, axis=1)
 
 
-def draw_bars(axes: Axes, bars: Bars) -> None:
-    """Bars from the top down, with their parts where they have some."""
+def draw_bars(axes: Axes, bars: Bars, curves: Sequence[Series] = ()) -> None:
+    """Bars from the top down, with their parts or their numbers; what is drawn as a curve has its colour."""
+    tints = {name.replace("_", " "): k for curve in curves for k, name in enumerate(curve.y)}
     labels = list(bars.labels[:MAX_BARS])
     at = np.arange(len(labels))
     left = np.zeros(len(labels))
     for i, (name, part) in enumerate((bars.parts or {"": bars.values}).items()):
         width = np.asarray(part[: len(labels)], float)
-        colour, label = palette.paper_colour(name, i), name.replace("_", " ")
-        axes.barh(at, width, left=left, color=colour, height=0.72, label=label)
+        tones = [palette.paper_colour(name, i if bars.parts else tints.get(of, 0)) for of in labels]
+        drawn = axes.barh(at, width, left=left, color=tones, height=0.72, label=name.replace("_", " "))
         left = left + width
+        if not bars.parts:
+            # Three digits of the longest, and as many decimals of the others.
+            digits = int(np.clip(2 - np.floor(np.log10(max(np.abs(width).max(initial=0.0), 0.01))), 0, 3))
+            axes.bar_label(drawn, [f"{v:,.{digits}f}" for v in width], padding=3, fontsize=8, color=floor.INK)
+            axes.margins(x=0.1)
     if not left.any():
         axes.set_xlim(0.0, 1.0)
     axes.set_yticks(at, [t if len(t) <= MAX_LABEL else t[: MAX_LABEL - 1] + "…" for t in labels])
@@ -236,27 +256,28 @@ def draw_spread(axes: Axes, spread: Spread) -> None:
         axes.errorbar(*ends, lw=1.2, capsize=3, **look)
     if number:
         axes.set_xticks(at, list(spread.values))
-        axes.set(xlabel=spread.x_label, ylim=(0.0, None))
+        axes.set(xlabel=f"{spread.x_label} ({SPREAD})", ylim=(0.0, None))
     else:
         axes.set_yticks(at, list(spread.values))
-        axes.set(ylabel=spread.x_label, ylim=(len(at) - 0.5, -0.5))
+        axes.set(xlabel=SPREAD, ylabel=spread.x_label, ylim=(len(at) - 0.5, -0.5))
     axes.grid(axis="y" if number else "x", color=GRID, lw=0.6)
     if any(spread.curves):
         _legend(axes, list(spread.curves))
 
 
-def _legend(axes: Axes, names: Sequence[str]) -> None:
+def _legend(axes: Axes, names: Sequence[str], handles: Sequence[Any] | None = None) -> None:
     """Between the title and the data, never on it; in as many columns as there is room for over the axes."""
     figure, place = axes.get_figure(root=True), axes.get_subplotspec()
     assert figure is not None and place is not None
     room = figure.get_figwidth() * len(place.colspan) / place.get_gridspec().ncols - 1.0
-    for columns in range(min(len(names), 4), 0, -1):
+    size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
+    for columns in range(min(len(names), 6), 0, -1):
         longest = [max(map(len, part)) for part in np.array_split(np.array(names, object), columns)]
-        if sum(0.33 + 0.055 * letters for letters in longest) < room:
+        if 0.35 * columns + 0.0071 * size * sum(longest) < room:
             break
     axes.title.set_y(1.0)
     axes.set_title(axes.get_title(loc="left"), pad=8.0 + 13.0 * -(-len(names) // columns), loc="left")
     axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1, handlelength=1.2,
-        columnspacing=1.2, handletextpad=0.5,
+        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1,
+        handlelength=1.2, columnspacing=1.2, handletextpad=0.5,
     )  # fmt: skip

@@ -10,6 +10,7 @@ Rows of a vehicle each would cost more than twice the file, and two hundred curv
 
 import itertools
 import tempfile
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
@@ -28,7 +29,6 @@ from fleetlog.view import blueprint, clock, events, palette
 from fleetlog.view import fleet as of
 from fleetlog.view.clock import SKIPPED, Clock, clock_of, dataset_outline, opened
 from fleetlog.view.fleet import FIELDS, Fleet, curve_style, log_day
-from fleetlog.view.palette import Colour
 from fleetlog.view.ribbons import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body, truck_fork
 from fleetlog.view.scene import log_site, log_ways, ways_of
 from fleetlog.view.stream import Singles, Stream, Tape, entity, open_stream, ui_points, verbatim
@@ -38,26 +38,12 @@ ROW_COST = 3e-6  # Of a row that is drawn [s]
 RATE = 2.0  # Samples a second that are kept by default
 MANY = 60  # From this many vehicles on they are drawn together, one row a time step for all
 MANY_LABELS, LONG_LEGEND = 24, 12
-FIGURES: dict[str, tuple[str, float]] = {
-    "trips": ("trips: {:,.0f}", 1.0), "matched": ("on a road: {:.1f} % of the rows", 100.0),
-    "rows_rejected": ("rows rejected: {:,.0f}", 1.0), "tasks_done": ("tasks done: {:,.0f}", 1.0),
-    "distance_m": ("driven: {:,.1f} km", 1e-3), "energy_wh": ("energy: {:,.1f} kWh", 1e-3),
-    "soc_lowest": ("lowest state of charge: {:.0f} %", 100.0),
-    "waiting_s": ("waiting: {:,.1f} h", 1.0 / 3600.0),
-}  # fmt: skip
-"""Figures of an import or a simulation that are shown, with the factor to the unit in which they are."""
+_TABLE = tomllib.loads(Path(__file__).with_name("recording.toml").read_text(encoding="utf-8"))
+FIGURES, FLEET_CURVES, DIFFERENCES, TOTALS = _TABLE.values()
 STEP_RATE = 1.0  # Steps a second of many trucks at most
 BLOCK = 400_000  # Positions held in memory at once
 MOVING = 0.2
 TRAIL_EVERY, MAP_EVERY = 2, 4
-FLEET_CURVES: dict[str, dict[str, tuple[float, Colour]]] = {
-    "speed": {"slowest tenth": (0.1, (213, 94, 0)), "median": (0.5, (225, 228, 235)),
-              "fastest tenth": (0.9, (86, 180, 233))},
-    "soc": {"lowest": (0.0, palette.SOC_EMPTY), "median": (0.5, (225, 228, 235)),
-            "highest": (1.0, palette.SOC_GOOD)},
-    "power": {"sum": (np.nan, (86, 180, 233))},
-}  # fmt: skip
-"""By signal the curves of a fleet: quantile of its trucks (power is summed), and colour."""
 
 
 def write_recording(

@@ -17,10 +17,6 @@ from fleetlog.view.palette import Scale, scales_of, screen_colours
 from fleetlog.view.scene import drawn_width, lane, log_site
 from fleetlog.view.stream import Stream, entity, open_stream, ui_points, verbatim
 
-MARK_COLOURS = {
-    "place": palette.PLACES["pick"], "charger": palette.PLACES["charge"], "critical": palette.CRITICAL,
-    "point": (240, 240, 245), **palette.PLACES,
-}  # fmt: skip
 MAX_MAPS = 9
 WIDE = 2.5  # Width by height of one of two maps above one another
 
@@ -86,13 +82,14 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
                 curve = with_gaps(shape.x, np.asarray(values, float), clock.gap_limit(shape.x), None)
                 log_curve(stream, entity("curves", shape.name, name), *curve, style)
         case Marks() if len(shape.xy):
-            colour, hole = MARK_COLOURS[shape.kind], 0.0 if shape.kind == "charger" else 0.82
+            colour, hole = palette.RINGS[shape.kind], 0.0 if shape.kind == "charger" else 0.82
             spots = zip(shape.xy, np.maximum(shape.size, 0.5).tolist(), strict=True)
             pads = [(ribbons.disc(x, y, r, 0.09, inner=hole * r), colour) for (x, y), r in spots]
             stream.static(f"{path}/rings", ribbons.mesh3d(pads))
             where = np.column_stack([shape.xy, np.full(len(shape.xy), 0.2)])
             look: Any = {"radii": ui_points(3.0), "colors": [colour], "show_labels": len(where) <= 30}
             stream.static(f"{path}/labels", rr.Points3D(where, labels=list(shape.labels), **look))
+            return f"**{'Rings' if hole else 'Discs'}**: {shape.name.replace('_', ' ')}"
     return ""
 
 

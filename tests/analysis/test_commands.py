@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 from fleetlog.cli.main import cli
 from fleetlog.core.result import Marks, Result
+from fleetlog.core.site import Site
 
 
 def run(*arguments):
@@ -50,9 +51,11 @@ def test_a_picture_of_the_busiest_flows_says_of_how_many():
     ):
         axes = Figure().add_subplot()
         draw_overlay(
-            axes, Result("r", {}, shapes=[Flows("f", at, at[::-1], np.array([7.0, 2.0]), "trips", pairs)])
+            axes,
+            Result("r", {}, shapes=[Flows("f", at, at[::-1], np.array([7.0, 2.0]), "trips", pairs)]),
+            Site("s"),
         )
-        assert [t.get_text() for t in axes.texts] == [told]
+        assert axes.get_legend_handles_labels()[1] == [told]
 
 
 def test_marks_are_drawn_on_every_map(fleet):
@@ -64,5 +67,5 @@ def test_marks_are_drawn_on_every_map(fleet):
         Marks(n, np.array([[1.0, 1.0]]), (label,), np.ones(1)) for n, label in (("m", "here"), ("n", "all"))
     ]
     axes = Figure().add_subplot()
-    draw_overlay(axes, Result("r", {}, shapes=marks))
+    draw_overlay(axes, Result("r", {}, shapes=marks), Site("s"))
     assert {t.get_text() for t in axes.texts} == {"here", "all"}

@@ -93,3 +93,15 @@ def test_a_missing_file_is_one_mistake(
 def test_wrong_names_get_a_suggestion(words: list[str], near: str) -> None:
     done = CliRunner().invoke(cli, words)
     assert done.exit_code == 2 and near in done.output
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [("slope", "grade"), ("heater", "auxiliary_load"), ("drag", "aerodynamic_drag"), ("grad", "grade")],
+)
+def test_a_word_for_a_term_suggests_the_term(word: str, meant: str) -> None:
+    from fleetlog.discovery.diagnose import check
+    from fleetlog.errors import ArgumentError
+
+    with pytest.raises(ArgumentError, match=f"did you mean .*'{meant}'"):
+        check(terms=[word])

@@ -58,7 +58,7 @@ def test_an_odd_truck_is_named_and_is_to_be_compared_with_the_others() -> None:
     scope = {**SCOPE, "vehicles": ["T1"]}
     assert unknown(["vehicle_id"], None, scope).startswith("Truck T1: a mismatch ")
     odd = replace(WORN, term="unknown", scope=scope, where=None, needs="record more")
-    assert "other trucks" in spoken(odd)[1] and spoken(odd)[2] == "    To go on: record more."
+    assert "other trucks" in spoken(odd)[1] and spoken(odd)[2] == "    Next: record more."
     assert "depends on" in unknown(["vehicle_id"], None, SCOPE)
     # What is fitted as physics that no word of the verdict names is not to be compared, but mended.
     assert all_terms()["brake_drag"].advice in spoken(replace(odd, physics="brake_drag"))[1]
@@ -76,7 +76,11 @@ def test_what_unseen_trips_speak_against_is_said_to_be_unconfirmed() -> None:
 
 
 def test_a_row_names_trucks_place_and_time_of_the_site() -> None:
-    assert rows(WORN)[0][1:4] == ["all", "on road yard", "always"]
+    assert rows(WORN)[0][1:4] == ["all", "on road -yard", "always"]
+    assert WORN.where is not None
+    (one,) = WORN.where["edges"]
+    both = replace(WORN, where={"edges": [one, one | {"edge_id": "yard"}], "extent": []})
+    assert rows(both)[0][2] == "on road yard"
     begin, end = "2026-03-16T08:02:00+00:00", "2026-03-16T09:02:00+00:00"
     brake = replace(WORN, term="rolling_resistance", where=None, scope=SCOPE | {"vehicles": ["T3"]})
     heater = replace(WORN, term="auxiliary_load", where=None, scope=SCOPE | {"from": begin, "until": end})

@@ -20,6 +20,7 @@ from fleetlog.api.answer import Answer
 from fleetlog.core.result import (
     Bars,
     EdgeValues,
+    Flows,
     Grid,
     Marks,
     MovingLines,
@@ -31,8 +32,9 @@ from fleetlog.core.result import (
 )
 from fleetlog.core.site import Site
 from fleetlog.errors import OutputError
+from fleetlog.view.floorplan import PLACES
 from fleetlog.view.palette import scale_of, scales_of, screen_colours
-from fleetlog.view.picture import draw_spread, panel_height, write_picture
+from fleetlog.view.picture import draw_bars, draw_series, draw_spread, panel_height, svg, write_picture
 from fleetlog.view.results import write_result_recording
 
 EMPTY: list[Shape] = [
@@ -181,6 +183,52 @@ def test_an_experiment_draws_every_run_and_the_interval_of_their_mean(values):
     np.testing.assert_allclose(ends, 2.0 + np.array([-1, 1]) * half_width(runs[0]))
     labels = axes.get_xticklabels() if number else axes.get_yticklabels()
     assert [text.get_text() for text in labels] == list(values)
+
+
+def drawn(site: Site, *shapes: Shape) -> str:
+    """The texts of a picture."""
+    result = Result("r", {}, shapes=[*shapes], lines=["Three trucks waited.", "  T1: 4 s"])
+    layer = next((s for s in shapes if isinstance(s, Grid | EdgeValues)), None)
+    return svg(result, site, layer)
+
+
+def test_the_legend_names_all_marks_lines_arrows_and_places() -> None:
+    at = np.array([[1.0, 2.0], [30.0, 9.0]])
+    lines = MovingLines("l", np.array([0]), (np.array([at]),), (np.array([True]),), "trucks close by")
+    flows = Flows("f", at, at[::-1], np.array([7.0, 2.0]), "trips", 9)
+    text = drawn(plant(), Marks("end of a trip", at, ("A", ""), np.ones(2)), lines, flows)
+    for name in (
+        "end of a trip",
+        "trucks close by, slow: critical",
+        "widest arrow: 7 trips; the 2 busiest of 9 pairs",
+    ):
+        assert text.count(f">{name}<") == 1, name
+    for kind in {p.kind for p in plant().places}:
+        assert f">{PLACES[kind]}<" in text
+
+
+def test_a_difference_that_is_chance_alone_says_so_and_is_not_blank() -> None:
+    values, name = np.array([[1.0, -2.0], [0.5, 3.0]]), "No cell differs by more than chance"
+
+    def grid(mask: np.ndarray) -> Grid:
+        return Grid("difference", values, 0.0, 0.0, 10.0, "s", True, mask)
+
+    chance, some = (drawn(plant(), grid(values > bar)) for bar in (9.0, 0.0))
+    assert name in chance and "pale" not in chance
+    assert name not in some and "pale: no more than chance" in some
+
+
+def test_bars_show_their_numbers_and_have_the_colours_of_their_curves() -> None:
+    from matplotlib.figure import Figure
+
+    bars = Bars("b", ("lifting", "rolling"), np.array([12.34, 5.0]), "kWh")
+    curves = Series("s", np.arange(3.0), {"rolling": np.ones(3), "lifting": np.ones(3)}, "t", "kW")
+    axes, other = Figure().subplots(2)
+    draw_bars(axes, bars, [curves])
+    draw_series(other, curves)
+    assert [t.get_text() for t in axes.texts] == ["12.3", "5.0"]
+    colours = dict(zip(curves.y, [line.get_color() for line in other.lines], strict=True))
+    assert [p.get_facecolor()[:3] for p in axes.patches] == [colours[name] for name in bars.labels]
 
 
 def test_a_legend_of_many_curves_lies_on_no_data() -> None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any, cast
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.view import clock
+from fleetlog.view import blueprint, clock
 
 walks = hnp.arrays(float, st.integers(1, 80), elements=st.floats(-0.2, 0.2)).map(np.cumsum)
 levels = hnp.arrays(float, st.integers(1, 60), elements=st.sampled_from([0.0, 1.0, 2.5, float("nan")]))
@@ -56,3 +58,26 @@ def test_pieces_are_the_rows_without_gaps(time: np.ndarray) -> None:
     assert [i for s in cuts for i in range(s.start, s.stop)] == list(range(len(time)))
     assert all((np.diff(time[s]) <= limit).all() for s in cuts)
     assert all(time[b.start] - time[a.stop - 1] > limit for a, b in itertools.pairwise(cuts))
+
+
+@pytest.mark.parametrize("lanes", [0, 8])
+@pytest.mark.parametrize("number", [3, 8, 12, 40])
+def test_a_legend_has_room_for_every_name_or_is_not_there(
+    number: int, lanes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[Any] = []
+    monkeypatch.setattr(blueprint, "send", lambda stream, screen, columns, shares: sent.append(columns[1]))
+    signals = {"speed", "power", "soc", *(["state", "open"] if lanes else [])}
+    names = tuple(f"T{k}" for k in range(number))
+    screen = blueprint.Screen(np.zeros((0, 3)), signals=signals, names=names, lanes=lanes)
+    screen.legend = number <= 12
+    blueprint.replay(cast(Any, None), screen, None)
+    (column,) = sent
+    shares, views = column.row_shares, column.contents
+    told = [
+        k for k, view in enumerate(views) if "PlotLegend" in view.properties and view.properties["PlotLegend"].visible.as_arrow_array()[0].as_py()
+        and view.name == "State of charge [%]"
+    ]  # fmt: skip
+    assert bool(told) == screen.legend and screen.legend == (number <= (4 if lanes else 12))
+    need = blueprint.FRAME + blueprint.NAME * number
+    assert all(blueprint.COLUMN * shares[k] / sum(shares) >= need - 1.0 for k in told)

@@ -192,4 +192,5 @@ def timeline(c: Crowds, watched: Watched, area: Ints, dates: Sequence[str]) -> S
         np.maximum.at(curve, (at - watched.start) // width, trucks)
         if number or of.any() or not curves:
             curves[f"area {number}" if number else "elsewhere"] = curve[seen]
-    return Series("episodes", time[seen], curves, "time", "trucks", over_time=True)
+    axes = "time", "trucks in an episode"
+    return Series("episodes", time[seen], curves, *axes, over_time=True, stacked=True)

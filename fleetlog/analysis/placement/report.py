@@ -101,15 +101,15 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame, dropped: list[str]) -> list
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
     out.append(
-        f"The demand ({demand}) is {r['mean']:.1f} {unit} from the nearest site on average, 95 % of it at "
-        f"most {r['p95']:.1f} {unit}; from random sites {b['random']['mean']:.1f} {unit}, from the busiest "
-        f"junctions {b['hottest']['mean']:.1f} {unit}."
-        + (f" By {s['metric']} to it this choice is {gap}." if s["method"] == "pmedian" else "")
+        f"From the demand ({demand}) to the nearest site it is {r['mean']:.1f} {unit} on average, at most "
+        f"{r['p95']:.1f} {unit} for 95 % of it; to random sites {b['random']['mean']:.1f} {unit}, to the "
+        f"busiest junctions {b['hottest']['mean']:.1f} {unit}."
+        + (f" This plan is {gap} by {s['metric']}." if s["method"] == "pmedian" else "")
     )
     if st["runs"]:
         mean, worst = percent(st["mean_kept_share"]), percent(st["worst_kept_share"])
         left = st["left_out"].replace("vehicle", "truck")
-        out.append(f"The plan without one {left} keeps {mean} of the sites on average, {worst} at worst.")
+        out.append(f"Without any one {left}, {mean} of the sites stay the same on average, {worst} at worst.")
     return out + checked + [f"Note: {n}." for n in s["notices"]]
 
 

@@ -135,7 +135,7 @@ class EnergyChannel(Channel):
         self.errors += [replace(RIPPLE, road=r) for r in hunted]
         if hunted and self.fleet.network is not None:
             roads = ", ".join(self.fleet.network.edge_ids[r] for r in hunted)
-            swings = "power swings faster than rows follow; its cost cannot be told from a rough floor's"
+            swings = "power swings faster than the rows show; a rough floor there would look the same"
             self.notes = [f"on {roads}, {swings}"]
         return hidden
 

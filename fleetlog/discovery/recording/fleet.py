@@ -223,19 +223,19 @@ def absences(fleet: Fleet, once: bool = False) -> list[str]:
     if once:
         out.append(NOTES["apart" if fleet.own_trips else "once"])
     if fleet.left_out:
-        out.append(f"left out, since their logs carry no payload: {', '.join(fleet.left_out)}")
+        out.append(f"trucks left out, as no payload is logged: {', '.join(fleet.left_out)}")
     powered, charged = ({d.vehicle for d in fleet.days if c in d.known} for c in ("battery_power", "soc"))
     if powered and (mute := sorted(charged - powered)):
         names = ", ".join(fleet.vehicles[v] for v in mute)
-        out.append(f"state of charge not judged, since their logs carry no battery power: {names}")
+        out.append(f"state of charge not judged, as no battery power is logged: {names}")
     if fleet.speed_late:
         late = median(fleet.speed_late.values())
         names = ", ".join(fleet.vehicles[v] for v in fleet.speed_late)
         way = f"{abs(late):.1f} s {'behind' if late > 0.0 else 'ahead of'} the positions"
-        out.append(f"the speed channel runs {way}, and is compared at the same moment: {names}")
+        out.append(f"the speed channel runs {way}, which is corrected: {names}")
     if fleet.held:
         names = ", ".join(fleet.vehicles[v] for v in fleet.held)
-        out.append(f"power is new every {fleet.update:.1f} s only, and repeated in between: {names}")
+        out.append(f"power changes every {fleet.update:.1f} s only, and is repeated in between: {names}")
     if fleet.rarely_placed:
         out.append(NOTES["rarely"])
     if len({d.vehicle for d in fleet.days}) == 1:

@@ -68,11 +68,15 @@ def of_lasting(evident: Sequence[finding.Lasting], fit: finding.ChannelFit, truc
     odd = tuple(one.vehicle for one in evident if one.vehicle is not None)
     if most.vehicle is None:
         whose, what = FLEET, f"{percent(most.share)} of their {'time' if fit.name == 'speed' else 'energy'}"
-        text = f"Trips in a row differ from the model alike, by {what}: something lasts that no column shows"
+        text = (
+            f"Trips in a row differ from the model in the same way, by {what}; no column of the log shows why"
+        )
     else:
         whose = Scope(odd) if 2 * len(odd) <= len(trucks) else FLEET
         what = f"by {percent(most.share)} of the mean power"
-        text = f"At rest, power differs from the model for a time, {what}: something goes on and off unseen"
+        text = (
+            f"A consumer that no column shows goes on and off: trucks that stand differ from the model {what}"
+        )
     needs = "record what is switched on and off (heaters, pumps, brakes) as columns of the log"
     return Finding(
         "unknown", fit.name, text, [], needs, ["time"], None, None, words.scope(whose, trucks), [],

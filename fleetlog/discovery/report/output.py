@@ -103,7 +103,7 @@ def _channel(c: ChannelFit, unexplained: bool) -> str:
         return f"  {c.name}: not judged: {c.reason}"
     floor = "" if c.floor is None else f", noise floor {percent(c.floor, 1)}"
     more = "; the rest is unexplained" if unexplained else ""
-    return f"  {c.name}: error on unseen trips {percent(c.before, 1)} -> {percent(c.after, 1)}{floor}{more}"
+    return f"  {c.name}: error on held-out trips {percent(c.before, 1)} -> {percent(c.after, 1)}{floor}{more}"
 
 
 def shapes(d: Diagnosis) -> list[Shape]:
@@ -134,9 +134,9 @@ def shapes(d: Diagnosis) -> list[Shape]:
             for own, about in zip(total, abouts, strict=True):
                 residual = np.nan_to_num((m.power - about.e.power) * m.dt)
                 own += np.bincount(at, residual[on], seconds.size).reshape(shape)
-    label, out = "recorded minus modelled power [W]", list[Shape]()
+    label, out = "recorded minus modelled power [kW]", list[Shape]()
     for name, own in zip(("mismatch before", "mismatch after"), total, strict=True):
-        value = own / np.maximum(seconds, 1e-9)
+        value = own / np.maximum(1000.0 * seconds, 1e-6)
         if isinstance(cells, Stretches):
             out.append(_edge_values(cells, value, seconds > FEWEST, name, label))
         elif isinstance(cells, Squares):
@@ -168,5 +168,5 @@ def _series(block: Block, rows: Ints, abouts: Sequence[EnergyAbout]) -> Series:
     curves = {"recorded": block.power[rows]}
     for name, about in zip(("before", "after"), abouts, strict=True):
         curves[f"model {name}"] = block.rows(about.e.power)[rows]
-    time = (block.time[rows] * 1e6).astype(np.int64)
-    return Series("worst trip", time, curves, "time", "battery power [W]", over_time=True)
+    time, kilowatts = (block.time[rows] * 1e6).astype(np.int64), {n: y / 1000.0 for n, y in curves.items()}
+    return Series("worst trip", time, kilowatts, "time", "battery power [kW]", over_time=True)

@@ -23,13 +23,23 @@ def place(where: Told) -> str:
     """Return on which roads, in a few words."""
     if not where:
         return "everywhere"
-    roads = list(dict.fromkeys(e["edge_id"].removeprefix("-") for e in where.get("edges", [])))
+    edges = dict.fromkeys(e["edge_id"] for e in where.get("edges", []))
+    # One direction by its edge, both by their road.
+    roads = [*dict.fromkeys(e.removeprefix("-") if e.removeprefix("-") in edges else e for e in edges)]
     if not roads:
         low_x, low_y, high_x, high_y = where["extent"]
         return f"between x = {low_x:.0f} and {high_x:.0f} m, y = {low_y:.0f} and {high_y:.0f} m"
     named = ", ".join(roads[:3])
     more = len(roads) - 3
     return f"on {'road' if len(roads) == 1 else 'roads'} {named}" + (f" and {more} more" if more > 0 else "")
+
+
+def said_of_terms() -> dict[str, str]:
+    """Return what a user may have in mind who does not know the name of a term, by name."""
+    return {
+        n: " ".join([n, t.statement, t.advice, *(p.name for p in t.parameters)])
+        for n, t in all_terms().items()
+    }
 
 
 def scope(s: Scope, vehicles: Sequence[str]) -> dict[str, Any]:
@@ -104,8 +114,8 @@ def slight(term: str | None, depends_on: Sequence[str], share: float, least: flo
     """Return the sentence of an effect that is no finding: below the least share, or within tolerances."""
     what, moved = term or f"what depends on {_named(depends_on)}", f"{100.0 * share:.1f} % where it acts"
     if share >= least:
-        return f"{what} may be wrong ({moved}), but small errors of other numbers together look the same"
-    return f"{what} is more than chance, but moves only {moved}; findings begin at {percent(least)}"
+        return f"{what} may be wrong ({moved}), but several small errors of other numbers would look the same"
+    return f"{what} is significant but small: {moved}; findings begin at {percent(least)}"
 
 
 def unseen(depends_on: Sequence[str]) -> str:
@@ -127,7 +137,7 @@ def onward(f: Finding, name: Callable[[str], str] = str) -> str:
     if (f.evidence.get("held_out_gain") or 0.0) < 0.0 and not (f.evidence.get("p_value") or 1.0) < DOUBTFUL:
         return "The trips held out do not confirm it: record more there before you act on it."
     # Where nothing else can be done, what to do says it.
-    return f"To go on: {f.needs}." if f.needs and f.needs[1:] not in advice(f) else ""
+    return f"Next: {f.needs}." if f.needs and f.needs[1:] not in advice(f) else ""
 
 
 def needs(term: str | None, others: Sequence[str]) -> str | None:
