@@ -69,7 +69,7 @@ def guess_encoding(head: bytes) -> str:
         return "utf-8-sig"
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
-    if len(head) > 3 and head[1::2].count(0) > 0.4 * len(head[1::2]):
+    if len(head) > 3 and head[1::2].count(0) > max(0.4 * len(head[1::2]), 2 * head[::2].count(0)):
         return "utf-16-le"
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)
@@ -89,8 +89,7 @@ def blocks(path: Path, encoding: str) -> Iterator[Block]:
             data = stream.read(SIZE)
             ended = not stream.peek(1)
             data = decoder.decode(data, ended).encode("utf-8", "replace") if decoder else data
-            if b"\0" in data:
-                report.note("NUL bytes, with which devices fill cells and gaps, are left out")
+            report.tally(data.count(b"\0"), "NUL byte", "left out: devices fill cells and gaps with them")
             text = rest + data.replace(b"\0", b"")
             # A carriage return at the very end may be half of a line end.
             half = b"\r" if text.endswith(b"\r") and not ended else b""
