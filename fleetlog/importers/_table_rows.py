@@ -308,7 +308,7 @@ class TableRows:
         none, clock, names = time == _units.NONE, self.clock, self.fields.names
         header = np.zeros(len(time), bool)
         for row in np.flatnonzero(none)[:1000].tolist():
-            cells = [str(table.column(name)[row]).strip() for name in names]
+            cells = [str(c[row]).strip() if c.type == pa.string() else "" for c in map(table.column, names)]
             known = sum(cell in names for cell in cells)
             header[row] = 2 * known > len(names)
             if header[row] and sum(map(eq, cells, names)) < known:
