@@ -313,9 +313,7 @@ class TableRows:
             header[row] = 2 * known > len(names)
             if header[row] and sum(map(eq, cells, names)) < known:
                 what, place = "another header line, its columns in another order", f"line {record[row]}"
-                raise FormatError(
-                    what, where=self.report.path, place=place, do="cut the file before this line"
-                )
+                raise FormatError(what, where=self.report.path, place=place, do="cut the file before it")
         found = {"the vehicle id is missing": vehicle.codes < 0, _units.UNREADABLE: none}
         found |= {_units.MISSING: none & clock.missing, _units.SKIPPED: none & clock.skipped}
         found |= {f"{name} is not a number": bad[name] for name in _MUST if name in bad}
