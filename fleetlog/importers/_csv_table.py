@@ -19,9 +19,9 @@ import pyarrow.csv as pv
 
 from fleetlog.core.arrays import Ints
 from fleetlog.errors import FormatError
+from fleetlog.importers import _units
 from fleetlog.importers._open import HEAD, ReadReport, open_bytes
 from fleetlog.importers._profile import Fields
-from fleetlog.importers._units import KINDS
 from fleetlog.importers.base import GEOGRAPHIC, Reject
 
 SIZE = 8 << 20  # Bytes in a block
@@ -69,7 +69,7 @@ def guess_encoding(head: bytes) -> str:
         return "utf-8-sig"
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
-    if len(head) > 3 and head[1::2].count(0) > 0.4 * len(head[1::2]):
+    if len(head) > 3 and head[1::2].count(0) > max(0.4 * len(head[1::2]), 2 * head[::2].count(0)):
         return "utf-16-le"
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)
@@ -88,7 +88,9 @@ def blocks(path: Path, encoding: str) -> Iterator[Block]:
         while not ended:
             data = stream.read(SIZE)
             ended = not stream.peek(1)
-            text = rest + (decoder.decode(data, ended).encode("utf-8", "replace") if decoder else data)
+            data = decoder.decode(data, ended).encode("utf-8", "replace") if decoder else data
+            report.tally(data.count(b"\0"), "NUL byte", "left out: devices fill cells and gaps with them")
+            text = rest + data.replace(b"\0", b"")
             # A carriage return at the very end may be half of a line end.
             half = b"\r" if text.endswith(b"\r") and not ended else b""
             text = with_line_feeds(text.removesuffix(half), report) + half
@@ -159,7 +161,7 @@ def _separators(line: bytes) -> int:
     return line.translate(_SEPARATORS).count(b",")
 
 
-NULLS = ["", "NA", "N/A", "NaN", "nan", "null", "NULL", "None", "-", "#N/A"]
+NULLS = ["", *_units.MISSING_WORDS]
 
 
 def _as_cp1252(error: Any) -> tuple[str, int]:
@@ -190,8 +192,8 @@ class TableReader:
                 inferred = self._arrow(self._one_by_one(block)[0], None).schema
             figures = {f.name for f in inferred if kinds.is_floating(f.type) or kinds.is_integer(f.type)}
             self.angles = {s.column for t, s in fields.columns.items() if t in GEOGRAPHIC} - figures
-            figures |= {s.column for t, s in fields.columns.items() if t in KINDS} - self.angles
-            figures -= {s.column for t, s in fields.columns.items() if t not in KINDS}
+            figures |= {s.column for t, s in fields.columns.items() if t in _units.KINDS} - self.angles
+            figures -= {s.column for t, s in fields.columns.items() if t not in _units.KINDS}
             figures -= {*fields.time, fields.vehicle}
             self._types = {n: pa.float64() if n in figures else pa.string() for n in fields.names}
             if sample is text or not any(kinds.is_null(f.type) for f in inferred):

@@ -18,18 +18,9 @@ from fleetlog.core.columns import NAMES
 from fleetlog.core.schema import Keys, Wrong, either, flag, list_of, one_of, real, table, text
 from fleetlog.core.site import MapFrame, crs, map_frames
 from fleetlog.errors import InputError
+from fleetlog.importers import _units
 from fleetlog.importers._open import ReadReport
-from fleetlog.importers._units import (
-    EPOCH_UNITS,
-    KINDS,
-    Meaning,
-    Unit,
-    epoch_unit,
-    microseconds,
-    recognise,
-    si_unit,
-    unit,
-)
+from fleetlog.importers._units import EPOCH_UNITS, KINDS, Meaning, Unit, microseconds
 
 _PARTS_OF_DATES = "YyGmbBdjUWVuwaA"
 TARGETS = (*NAMES, "latitude", "longitude")
@@ -193,7 +184,7 @@ def _source(target: str, value: Any, where: str) -> Source:
     value = table(value, _COLUMN, where, place)
     if "unit" in value and target not in KINDS:
         raise InputError("has no unit", where=where, place=place, do="leave the unit out")
-    known = unit(value["unit"], target, where) if "unit" in value else None
+    known = _units.unit(value["unit"], target, where) if "unit" in value else None
     return Source(**{"column": target, **value, "unit": known})
 
 
@@ -259,7 +250,7 @@ class Fields:
             return microseconds(moment, self.profile.zone)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("no time")
-        unit, likely = self.epoch if epoch == "" else epoch, epoch_unit(value)
+        unit, likely = self.epoch if epoch == "" else epoch, _units.epoch_unit(value)
         if not (self.profile.time_format or self.profile.time_origin):
             unit = likely if unit in (None, likely) else None
         if unit is None or not abs(value) < 1e19:
@@ -274,9 +265,11 @@ def fields_of(
     """What fields are, told to ``report``: the profile's word first, then spelling; ``time`` is known."""
     found = Fields([*names], profile or Profile(), report, time=time)
     found.take_profile()
-    meanings = {n: m for n in found.names if n not in found.used and (m := recognise(n))}
-    for name, meaning in sorted(meanings.items(), key=lambda item: not item[1].exact):
-        found.take(name, meaning)
+    meanings = {n: m for n in found.names if n not in found.used and (m := _units.recognise(n))}
+    # Where another column names the vehicle, "id" is the row's; a time that says UTC goes before others.
+    claim = {n: (_units.normal(n) == "id", not m.exact, "utc" not in n.lower()) for n, m in meanings.items()}
+    for name in sorted(meanings, key=claim.__getitem__):
+        found.take(name, meanings[name])
     found.kept = [n for n in found.names if n not in found.used] if found.profile.keep else []
     return found
 
@@ -287,6 +280,6 @@ def _unit_text(target: str, meaning: Meaning) -> str:
     if target not in KINDS or target in ("latitude", "longitude"):
         return ""
     if meaning.unit is None:
-        return f", no unit in the name, taken as {si_unit(target).name}"
+        return f", no unit in the name, taken as {_units.si_unit(target).name}"
     compass = meaning.unit.name == "compass_deg"
     return ", from degrees of the compass" if compass else f", from {meaning.unit.name}"

@@ -166,12 +166,13 @@ class Elements(Records):
 
     wanted: ClassVar[tuple[str, ...]]
     passed: ClassVar[tuple[str, ...]] = ()
-    _since = 0  # Bytes since the last element
+    _since, _begun = 0, False  # Bytes since the last element; whether anything was read
 
     def read(self, size: int = -1) -> bytes:
         """For the parser."""
         data = self.stream.read(min(size, 1 << 15) if size > 0 else 1 << 15)
-        self._since += len(data)
+        data = data if self._begun else data.lstrip()  # XML may not begin with blanks, but devices do
+        self._since, self._begun = self._since + len(data), True
         if self._since > LIMIT:
             what = f"one element holds more than {LIMIT >> 20} MB of XML"
             raise FormatError(what, where=self.path, do="this is no log; leave it out")
@@ -208,8 +209,8 @@ class Elements(Records):
 
 @lru_cache(1 << 10)
 def bare(tag: Any) -> str:
-    """A tag without its namespace; ``""`` for comments and instructions."""
-    return tag.rsplit("}", 1)[-1] if isinstance(tag, str) else ""
+    """A tag without its namespace, or a prefix that none stands for; ``""`` for comments and instructions."""
+    return tag.replace(":", "}").rsplit("}", 1)[-1] if isinstance(tag, str) else ""
 
 
 def figures(line: bytes, count: int) -> list[float] | None:

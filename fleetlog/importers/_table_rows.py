@@ -5,6 +5,7 @@ How the times of a table are written its first rows decide."""
 import re
 from collections.abc import Callable
 from datetime import UTC, datetime
+from operator import eq
 
 import numpy as np
 import pyarrow as pa
@@ -143,7 +144,7 @@ class Clock:
 
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 _DEGREES = re.compile(
-    r"^\s*(?P<head>[NSEWnsew])?\s*(?P<sign>[+-])?\s*(?P<d>\d{1,3}(?:\.\d+)?)\s*(?:°|d|deg|:|\s)\s*"
+    r"^\s*(?P<head>[NSEWnsew])?\s*(?P<sign>[+-])?\s*(?P<d>\d{1,3}(?:\.\d+)?)\s*(?:°|d|deg|:|\s|(?=[NSEWnsew]?\s*$))\s*"
     r"(?:(?P<m>\d{1,2}(?:\.\d+)?)\s*(?:'|′|m|min|:|\s|$)\s*)?"
     r"(?:(?P<s>\d{1,2}(?:\.\d+)?)\s*(?:\"|″|''|s|sec)?\s*)?(?P<tail>[NSEWnsew])?\s*$"
 )
@@ -152,6 +153,10 @@ _DEGREES = re.compile(
 def numbers(cells: pa.Array, decimal: str = ".") -> tuple[Floats, Mask]:
     """Values of text cells, NaN where empty or ``nan``, and which cells are no numbers (infinity is none)."""
     text = pc.utf8_trim_whitespace(cells)
+    # What separates thousands cannot be the decimal point; 1,234 alone could, where that is the point.
+    group, after = (",", r"\.") if decimal == "." else (r"\.", ",|$")
+    thousands = rf"^([+-]?[1-9]\d{{0,2}}){group}(\d{{3}})({after})"
+    text = pc.replace_substring_regex(text, thousands, r"\1\2\3")
     text = text if decimal == "." else pc.replace_substring(text, decimal, ".")
     good = pc.fill_null(pc.match_substring_regex(text, _NUMBER), False)
     kept = pc.if_else(good, pc.replace_substring_regex(text, r"^\+", ""), pa.scalar(None, pa.string()))
@@ -190,7 +195,7 @@ class TableRows:
         self.fields, self.vehicle, self.angles, self.decimal = fields, vehicle, angles, decimal
         self.report, self.clock = fields.report, Clock(fields)
         self._missing = Source("", sentinels=fields.profile.sentinels)
-        self._percent = False
+        self._percent = self._degrees = False
         self._figures_of: dict[str, bool] = {}  # Whether a column has figures; unknown before a value
 
     def batch(
@@ -198,10 +203,10 @@ class TableRows:
     ) -> RawBatch:
         """The rows of a table by their numbers; ``texts`` gives those of some of them as they are written."""
         bad: Masks = {}
-        columns = self._columns(table, bad)
         vehicle = self._vehicles(table)
+        columns = self._columns(table, bad)
         time = self.clock.times(table, vehicle)
-        reasons = self._reasons(table, time, vehicle, bad)
+        reasons = self._reasons(table, time, vehicle, bad, record)
         keep = reasons.codes < 0
         refused = [(bad[n] & keep, f"{n} is not a number", False) for n in bad.keys() - {*_MUST}]
         for code in set(reasons.codes[~keep].tolist()):
@@ -220,7 +225,14 @@ class TableRows:
         for target, source in self.fields.columns.items():
             chunk = table.column(source.column)
             if target in _units.KINDS:
-                columns[target] = self._si(target, source, self._figures(chunk, source.column, target, bad))
+                figures = self._figures(chunk, source.column, target, bad)
+                if target == "heading" and source.unit is None:
+                    self._degrees |= bool((np.abs(figures) > 2.0 * np.pi + 1e-3).any())
+                    if self._degrees:  # of the compass or of mathematics
+                        target, source = f"{source.column}_log", Source(source.column)
+                        what = f"degrees of an unknown sense (beyond a turn of radians), kept as {target}"
+                        self.report.recognised[source.column] = what
+                columns[target] = self._si(target, source, figures)
             elif target == "trip_id":
                 trip = self._figures(chunk, source.column, target, bad)
                 columns[target] = np.where(np.isfinite(trip), trip, -1).astype(np.int64)
@@ -231,8 +243,19 @@ class TableRows:
             if name not in self._figures_of and chunk.null_count < len(chunk):
                 text = pa.types.is_dictionary(chunk.type) or self._read(chunk, name)[1].any()
                 self._figures_of[name] = not text
-            figures = self._figures_of.get(name, True)
-            columns[name] = self._figures(chunk, name, name, bad) if figures else labels_of(chunk)
+            plain = self._figures_of.get(name, True)
+            columns[name] = self._figures(chunk, name, name, bad) if plain else labels_of(chunk)
+        names = self.fields.names
+        for target, pair in ("latitude", "NS"), ("longitude", "EW"):  # their letters may stand behind them
+            column = self.fields.columns[target].column if target in columns else ""
+            if column in names[:-1]:
+                beside = names[names.index(column) + 1]
+                chunk, figures = table.column(beside), np.asarray(columns[target], dtype=np.float64)
+                side = Labels.of([]) if pa.types.is_floating(chunk.type) else labels_of(chunk)
+                if side.names and {*side.names} <= {*pair}:
+                    self.report.recognised[beside] = f"the sign of {target}, {pair[1]} is negative"
+                    away = np.array([*(n == pair[1] for n in side.names), False])[side.codes]
+                    columns[target] = np.where(away, -np.abs(figures), figures)
         return columns
 
     def _figures(self, chunk: pa.ChunkedArray, name: str, target: str, bad: Masks) -> Floats:
@@ -261,29 +284,40 @@ class TableRows:
                 self._percent = True
                 self.report.recognised[source.column] = "soc, from % (it goes beyond 1)"
             values = values / 100.0 if self._percent else values
-        return source.to_si(values)
+        values = source.to_si(values)
+        return _units.si_unit(target).to_si(values) if target == "heading" else values
 
     def _vehicles(self, table: pa.Table) -> Labels:
-        if self.fields.vehicle is None:
+        if (name := self.fields.vehicle) is None:
             return Labels(np.zeros(table.num_rows, np.int32), (self.vehicle,))
-        found = labels_of(table.column(self.fields.vehicle))
-        if cut := [name for name in found.names if name.strip() and name != name.strip()]:
+        found = labels_of(table.column(name))
+        if _units.normal(name) == "id" and "vehicle_id" not in self.fields.profile.columns:
+            moments = labels_of(table.column(self.clock.names[-1])).names
+            if 2 < len(found.names) == len(table) == len(moments):  # each row has its own, and its own time
+                self.fields.vehicle, self.fields.kept = None, [*self.fields.kept, name]
+                self.report.recognised[name] = (
+                    f"the row's (each has another), the vehicle is {self.vehicle!r}"
+                )
+                return self._vehicles(table)
+        if cut := [n for n in found.names if n.strip() and n != n.strip()]:
             self.report.note(f"blanks about vehicle ids are left out, as of {cut[0]!r}")
-        return renamed(found, [name.strip() or None for name in found.names])
+        return renamed(found, [n.strip() or None for n in found.names])
 
-    def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> Labels:
+    def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks, record: Ints) -> Labels:
         """Why each row is refused; null where it is not."""
-        again = np.ones(len(time), bool)
-        for name in self.fields.names:
-            chunk = table.column(name)
-            if again.any():
-                text = pa.types.is_string(chunk.type)
-                again &= np.asarray(chunk.to_pandas() == name, dtype=bool) if text else False
-        none, clock = time == _units.NONE, self.clock
+        none, clock, names = time == _units.NONE, self.clock, self.fields.names
+        header = np.zeros(len(time), bool)
+        for row in np.flatnonzero(none)[:1000].tolist():
+            cells = [str(c[row]).strip() if c.type == pa.string() else "" for c in map(table.column, names)]
+            known = sum(cell in names for cell in cells)
+            header[row] = 2 * known > len(names)
+            if header[row] and sum(map(eq, cells, names)) < known:
+                what, place = "another header line, its columns in another order", f"line {record[row]}"
+                raise FormatError(what, where=self.report.path, place=place, do="cut the file before it")
         found = {"the vehicle id is missing": vehicle.codes < 0, _units.UNREADABLE: none}
         found |= {_units.MISSING: none & clock.missing, _units.SKIPPED: none & clock.skipped}
         found |= {f"{name} is not a number": bad[name] for name in _MUST if name in bad}
-        found |= {"the header line again": again}
+        found |= {"the header line again": header}
         codes = np.full(len(time), -1, np.int32)
         for code, mask in enumerate(found.values()):
             codes[mask] = code

@@ -35,23 +35,25 @@ class Unit:
             whole = np.trunc(values / 100.0)  # dddmm.mmmm, as NMEA 0183 has it
             values = whole + (values - 100.0 * whole) / 60.0
         out = values if (self.factor, self.shift) == (1.0, 0.0) else (values + self.shift) * self.factor
-        if self.kind == "angle" and self.name != "rad":
-            out = np.pi - np.mod(np.pi - out, 2 * np.pi)
+        if self.kind == "angle":  # radians within their bounds stay, to the last bit
+            stays = (np.abs(out) <= np.pi) & (self.name == "rad")
+            out = np.where(stays, out, np.pi - np.mod(np.pi - out, 2 * np.pi))
         return np.asarray(out, dtype=np.float64)
 
 
 _TEXT = tomllib.loads(Path(__file__).with_name("spellings.toml").read_text(encoding="utf-8"))
 UNITS = tuple(Unit(name, kind, *si) for kind, units in _TEXT["si"].items() for name, si in units.items())
+MISSING_WORDS = _TEXT["missing"]["words"].split()
 _ALIASES = {alias: name for name, words in _TEXT["units"].items() for alias in words.split()}
 
-KINDS = {column: kind for kind, names in _TEXT["measure"].items() for column in names.split()}
-"""What each numeric column measures."""
+KINDS = {c: kind for kind, names in _TEXT["measure"].items() for c in names.split()}  # What each measures
 
 
 def find_unit(text: str, kind: str) -> Unit | None:
     """The unit that ``text`` spells for a quantity, or None."""
     text = text.strip()
-    spelt = {text, _ALIASES.get(text.lower(), text), _ALIASES.get(re.sub(r"\W+", "_", text.lower()), text)}
+    low = text.lower()
+    spelt = {text, low, _ALIASES.get(low, text), _ALIASES.get(re.sub(r"\W+", "_", low), text)}
     return next((u for u in UNITS if u.kind == kind and u.name in spelt), None)
 
 
@@ -233,6 +235,8 @@ def from_iso(cells: pa.Array) -> tuple[Ints, Mask]:
         micro = np.asarray(time.cast(pa.int64()).fill_null(0).to_numpy()) // 1000
         return np.where(np.asarray(cells.is_null()), NONE, micro), np.full(len(cells), bare)
     text = pd.Series(cells.to_pandas(), dtype=object).str.strip()
+    # Loggers write a decimal comma, which ISO 8601 prefers, and databases the name of the zone.
+    text = text.str.replace(r",(?=\d)", ".", regex=True).str.replace(r" (UTC|GMT)$", "Z", regex=True)
     # The date itself ends in -DD; a zone only counts after a time of day.
     zoned = text.str.contains(r"(?:[zZ]|[+-]\d\d(?::?\d\d)?)$", na=False) & text.str.contains(":", na=False)
     found = pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)

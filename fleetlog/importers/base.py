@@ -168,8 +168,8 @@ def detect(path: Path) -> Importer:
         if path.is_file() and not path.stat().st_size:
             raise FormatError("the file is empty", where=path, do="give a log with rows")
         do = f"name it with --format: {', '.join(sorted(importers()))}"
-        if path.suffix.lower() in (".xlsx", ".xls", ".ods"):
-            do = "save its sheet as CSV"
+        if path.suffix.lower() in (".xlsx", ".xls", ".ods") or head_of(path, 3) == b"PK\x03":
+            do = "save its sheet as CSV, or unpack it"
         raise FormatError(f"no log format fits ({_looks(path)})", where=path, do=do)
     return importer
 

@@ -20,17 +20,18 @@ from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers._units import KINDS, normal
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
+Cells = list[str]
 DELIMITERS = ",;\t|"
 _COMMA, _POINT = re.compile(r"[+-]?\d*,\d+"), re.compile(r"[+-]?\d*\.\d+")
 BYTE_COST = 2e-8  # To read a byte of a log, which may be packed, about [s]
 SAMPLE = 100  # Rows that tell how many fields a row has
-_OTHERS = ("{", "[", "<", "$", "!", "%PDF", "\\")
+_OTHERS = ("{", "[", "<", "$", "!", "%PDF", "PK\x03", "\\")
 
 
 def sniff(path: Path, head: bytes) -> bool:
     """Text whose first lines have a separator."""
-    text = head.decode(guess_encoding(head), "replace")
-    if not text.strip() or "\x00" in text or text.lstrip().startswith(_OTHERS):
+    text = head.decode(guess_encoding(head), "replace").replace("\x00", "")
+    if not text.strip() or text.lstrip().startswith(_OTHERS):
         return False
     if sum(c < " " and c not in "\t\r\n" for c in text[:4096]) > 0.01 * min(len(text), 4096):
         return False
@@ -50,7 +51,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     report.take(block.report)
     if reader.fields.vehicle is None and options.vehicle is None:
         named = f"every row is of vehicle {options.name!r}, after the file's name"
-        report.note(f"no column of vehicle ids: {named}")
+        report.note(f"no column of vehicle ids: {named} (a profile names one: [columns] vehicle_id = ...)")
     rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
     parts, cost = chain([block] if block.text else [], source), BYTE_COST * path.stat().st_size
     for block, table, lines, rejects in engines.current().stream(lambda b: (b, *reader.read(b)), parts, cost):
@@ -71,19 +72,21 @@ def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
 def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tuple[TableReader, Block]:
     """A reader of the columns that the first lines name, and the block without those."""
     every = (line.decode("utf-8", "replace").rstrip("\r\n") for line in BytesIO(block.text))
-    skip, declared, comment = profile.skip_lines, None, profile.comment or "#"
+    skip, declared, comment, above = profile.skip_lines, None, profile.comment or "#", ""
     for line in islice(every, skip, None):
         if line.strip() and not line.startswith((comment, "sep=")):
             break
         declared = line[4:5] if line.startswith("sep=") else declared
+        above = line.removeprefix(comment)
         skip += 1
     else:
         raise FormatError("the file has no rows", where=path, do="give a log with rows")
     lines = [line, *islice(every, SAMPLE)]
     delimiter = profile.delimiter or declared or find_delimiter(lines[:20])
     if not (names := list(profile.names)):
-        skip += 1
-        names = fit_header(cells_of(lines.pop(0), delimiter), rows_of(lines, delimiter), report, skip)
+        said, skip = cells_of(above, delimiter), skip + 1
+        names = fit_header(cells_of(lines.pop(0), delimiter), rows_of(lines, delimiter), report, skip, said)
+        skip -= names is said  # the comment is skipped as it is
     decimal = profile.decimal or find_decimal(lines[:20], delimiter, report)
     reader = TableReader(lay_out(names, profile, report), delimiter, decimal)
     text = b"".join(block.text.split(b"\n", skip)[skip:])
@@ -128,13 +131,17 @@ def unique(names: list[str], report: ReadReport) -> list[str]:
     return out
 
 
-def fit_header(names: list[str], rows: list[list[str]], report: ReadReport, line: int) -> list[str]:
-    """The header of a ``line``, a name longer or shorter where most rows have one field more or less."""
+def fit_header(names: Cells, rows: list[Cells], report: ReadReport, line: int, above: Cells) -> Cells:
+    """The header of a ``line``, a name longer or shorter where most rows have one field more or less; the
+    comment ``above`` where the line is one of figures, and it names as many."""
     if len(names) < 2:
         what = f"one column only ({names[0][:60]!r})"
         do = "state the delimiter in a profile (--profile FILE.toml), or skip_lines where this is no header"
         raise FormatError(what, where=report.path, place=f"line {line}", do=do)
     if sum(finite(name) == finite(name) for name in names) > len(names) // 3:
+        if len(above) == len(names):
+            report.note(f"the header is the comment before line {line}")
+            return above
         do = 'name the columns in a profile: names = ["vehicle_id", ...]'
         what = "no header line, the first line holds figures"
         raise FormatError(what, where=report.path, place=f"line {line}", do=do)

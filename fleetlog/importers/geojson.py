@@ -24,7 +24,7 @@ TIMES = ("coordTimes", "times", "timestamps")
 BLOCK = 1 << 18
 FEATURE_LIMIT = 1 << 27  # Characters of one feature that are believed
 _OPEN = re.compile(r'"features"\s*:\s*\[')
-_BETWEEN = re.compile(r"[\s,\x1e\ufeff]*")
+_BETWEEN = re.compile(r"[\s,\[\x1e\ufeff]*")
 _SIGN = re.compile(rb'"type"\s*:\s*"(FeatureCollection|Feature)"')
 
 
@@ -49,7 +49,7 @@ def features(stream: BufferedReader, report: ReadReport) -> Iterator[dict[str, A
             at, done, size = end, done + 1, BLOCK
             yield item
         text = _BETWEEN.sub("", text[at:], count=1)
-        if (collection and text.startswith("]")) or not (block or text or collection):
+        if text.startswith("]") or not (block or text or collection):
             return
         if not block or not (text + "{").startswith("{") or len(text) > FEATURE_LIMIT:
             report.damaged(f"the JSON is cut off or wrong in feature {done + 1}")

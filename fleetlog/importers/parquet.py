@@ -74,7 +74,8 @@ class _Reader:
             fields.vehicle = None
         self.geometry = not fields.columns.keys() & {"latitude", "x"} and "geometry" in kinds
         if self.geometry:
-            fields.columns |= {name: Source(name) for name in GEOGRAPHIC}
+            self.pair = GEOGRAPHIC if fields.profile.crs is None else LOCAL[::-1]
+            fields.columns |= {name: Source(name) for name in self.pair}
         has_place = any({*pair} <= fields.columns.keys() for pair in (GEOGRAPHIC, LOCAL))
         wanted = (("a position (latitude, longitude or x, y)", has_place), ("a time", fields.time))
         if missing := [what for what, there in wanted if not there]:
@@ -93,7 +94,7 @@ class _Reader:
             timed = any(test(stamps.type) for test in _TIMES)
             columns[name] = stamps if timed else _plain(stamps).cast(pa.string())
         if self.geometry:
-            columns |= dict(zip(GEOGRAPHIC[::-1], _points(batch.column("geometry")), strict=True))
+            columns |= dict(zip(self.pair[::-1], _points(batch.column("geometry")), strict=True))
         if fields.vehicle is not None:
             columns[fields.vehicle] = _named(columns[fields.vehicle], self.rows.vehicle)
         table, first = pa.table(columns), self.done + 1
@@ -135,6 +136,8 @@ def _named(vehicles: pa.Array, default: str) -> pa.Array:
 
 def _points(array: pa.Array) -> tuple[Floats, Floats]:
     """(N,) x and y of WKB points; NaN for anything else.  OGC 06-103r4, section 8.2."""
+    if pa.types.is_struct(array.type):  # GeoArrow
+        return tuple(array.field(n).to_numpy(zero_copy_only=False) for n in LOCAL)
     x, y = np.full(len(array), np.nan), np.full(len(array), np.nan)
     for i, wkb in enumerate(array.to_pylist()):
         if isinstance(wkb, bytes) and len(wkb) >= 21 and wkb[0] in (0, 1):

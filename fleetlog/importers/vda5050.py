@@ -6,6 +6,7 @@ Version 3.0 renamed ``agvPosition``, ``positionInitialized``, ``batteryState`` a
 import json
 import math
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,6 +14,7 @@ from fleetlog.core.words import count
 from fleetlog.importers._rows import NAN, Records, finite
 from fleetlog.importers._units import iso_time
 from fleetlog.importers.base import LOCAL, Importer, ReadOptions
+from fleetlog.importers.geojson import features
 
 Message = dict[str, Any]
 MOST = 1e300  # A sum of weights beyond what a float holds is far beyond any load, and refused as that
@@ -32,6 +34,7 @@ _FACTS = {
 def sniff(path: Path, head: bytes) -> bool:
     """Whether a JSON line speaks of a serial number, a position or a battery as VDA 5050 does."""
     first = next((line for line in head.splitlines() if b"{" in line), b"")
+    first = head if first.strip() == b"{" else first  # Objects of several lines
     return sum(m in first for m in _MARKS) >= (1 if b"/state" in first[:200] else 2)
 
 
@@ -53,6 +56,12 @@ class _Vda(Records):
         self.facts: dict[str, str] = {}  # What the factsheet of each vehicle says
         self.connections: Counter[str] = Counter()
         self._payload: dict[str, float] = {}
+
+    def records(self) -> Iterable[Any]:
+        start = self.stream.peek(64).lstrip(b"\xef\xbb\xbf \t\r\n")
+        if start[:1] == b"[" or start.split(b"\n", 1)[0].strip() == b"{":
+            return (json.dumps(o).encode() for o in features(self.stream, self.report))
+        return super().records()
 
     def take(self, line: bytes, number: int) -> None:
         if not line.strip():
@@ -128,9 +137,9 @@ def _message(line: bytes) -> dict[str, Any]:
     if begin < 0:
         raise ValueError("no object")
     message = json.loads(line[begin:])
-    if isinstance(message, dict) and "payload" in message and "timestamp" not in message:
-        message = message["payload"]
-        message = json.loads(message) if isinstance(message, str) else message
+    wrapped = message.get("payload", message.get("message")) if isinstance(message, dict) else None
+    wrapped = json.loads(wrapped) if isinstance(wrapped, str) and wrapped.startswith("{") else wrapped
+    message = wrapped if isinstance(wrapped, dict) and "serialNumber" not in message else message
     if not isinstance(message, dict):
         raise ValueError("no object")
     return message
@@ -142,9 +151,8 @@ def _first(message: Message, *names: str) -> dict[str, Any] | None:
 
 def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
     """``theta`` is the contract's heading; the speed is the length of the vehicle's own velocity."""
-    values: dict[str, Any] = {"x": finite(position.get("x")), "y": finite(position.get("y"))}
-    values["heading"] = math.remainder(finite(position.get("theta")), math.tau)
-    values["speed"] = NAN
+    values = {name: finite(position.get(name)) for name in LOCAL}
+    values |= {"heading": math.remainder(finite(position.get("theta")), math.tau), "speed": NAN}
     if isinstance(velocity, dict) and ("vx" in velocity or "vy" in velocity):
         values["speed"] = math.hypot(finite(velocity.get("vx", 0.0)), finite(velocity.get("vy", 0.0)))
     return values

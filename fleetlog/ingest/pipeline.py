@@ -150,7 +150,8 @@ def _write(reads: Sequence[Read], plan: Plan, writer: DatasetWriter, *, align: b
     summary.rejected, summary.rejected_values = dict(rejects.rows), dict(rejects.values)
     summary.rejected_file = REJECTED if rejects.file else None
     if not summary.rows:
-        raise InputError("every row was refused", do=reasons(summary.rejected))
+        what = f"every row was refused: {reasons(summary.rejected)}"
+        raise InputError(what, where=summary.files[0].file, do="state columns, units and crs in a profile")
     return summary
 
 
