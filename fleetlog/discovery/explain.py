@@ -58,9 +58,8 @@ class Task:
 
 
 def _too_sparse(problem: Problem) -> bool:
-    """Whether rows are as far apart as a window is to be: between them trucks set off and stop unseen."""
-    channel = problem.channel
-    return channel.by_motion and channel.fleet.step >= problem.settings.window
+    """Whether rows of all trucks are as far apart as a window is to be."""
+    return problem.channel.sparse >= {d.vehicle for d in problem.channel.fleet.days}
 
 
 Searched: TypeAlias = tuple[Search, Noise] | None  # Of a channel's sample; None with too few windows
@@ -190,7 +189,8 @@ def _above_floor(problem: Problem, rest: float, floor: float | None) -> bool:
         return False
     left = np.sqrt(max(rest**2 - floor**2, 0.0))
     channel = problem.channel
-    least = max(problem.settings.material, channel.model_error, channel.place_error - channel.off_height)
+    own = float(np.sqrt(np.mean([channel.own_error[d.vehicle] ** 2 for d in channel.fleet.days])))
+    least = max(problem.settings.material, own, channel.gathers * channel.model_error)
     return bool(left > least and rest > problem.settings.at_floor * floor)
 
 
