@@ -119,7 +119,9 @@ def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault])
     unexplained = [n for n, e in explained.items() if e.unexplained]
     adjustments = [a for e in explained.values() for a in e.adjustments]
     notes = absences(fleet, once) + [n for e in explained.values() for n in _hidden(e)]
-    return Verdict([e.fit for e in explained.values()], order, adjustments, unexplained, notes)
+    sparse = frozenset().union(*(e.problem.channel.sparse for e in explained.values()))
+    left_out = [*fleet.left_out, *(fleet.vehicles[v] for v in sorted(sparse))]
+    return Verdict([e.fit for e in explained.values()], order, adjustments, unexplained, notes, left_out)
 
 
 def _hidden(e: Explained) -> list[str]:

@@ -190,15 +190,22 @@ def _above_floor(problem: Problem, rest: float, floor: float | None) -> bool:
     left = np.sqrt(max(rest**2 - floor**2, 0.0))
     channel = problem.channel
     own = float(np.sqrt(np.mean([channel.own_error[d.vehicle] ** 2 for d in channel.fleet.days])))
-    least = max(problem.settings.material, own, channel.gathers * channel.model_error)
+    least = max(problem.settings.material, channel.gathers * own)
     return bool(left > least and rest > problem.settings.at_floor * floor)
 
 
 def _hidden(asked: Task, floor: float | None) -> str | None:
     """Say why nothing can be said to be missing: what noise leaves to a model that is right hides a number
-    that changes a material share of every window. It would gain half of windows * (share / floor)^2."""
-    settings = asked.problem.settings
-    least = (floor or 0.0) * np.sqrt(2.0 * (settings.evidence + settings.parameter) / asked.windows)
+    that changes a material share of every window. It would gain half of windows * (share / floor)^2; more
+    where trucks differ, as a poor logger hides only what its own truck shows."""
+    settings, each = asked.problem.settings, dict[int, Floats]()
+    for unit in asked.sample.training():
+        use, noise = unit.whole, 1.0 / asked.sample.noise.plain(unit)
+        own = np.array([use.sum(), (unit.recorded[use] ** 2).sum(), noise[use].sum()])
+        each[unit.key[0]] = each.get(unit.key[0], 0.0) + own
+    count, energy, noise = np.stack([own for own in each.values() if own[0] > 0.0], axis=1)
+    known = count @ (energy / noise) / count.sum() / (energy.sum() / noise.sum())
+    least = (floor or 0.0) * np.sqrt(2.0 * (settings.evidence + settings.parameter) / asked.windows / known)
     if least <= settings.material:
         return None
     return f"noise hides what changes it by less than {percent(least)}; record more, or rows closer together"

@@ -70,7 +70,7 @@ class Channel(ABC):
     split: Split
     metric: str = field(default="", init=False)  # What the error is
     own_error: Floats = field(default_factory=lambda: np.zeros(0), init=False)
-    """(V,) share of a window's quantity that any model may miss, by vehicle: every truck has its own logger."""
+    """(V,) share of a window's quantity that any model may miss: every truck has its own logger."""
     gathers: float = field(default=1.0, init=False)  # Times so much at some places
     off_height: float = field(default=0.0, init=False)  # Share that the heights of a map may be off there
     unsteady: frozenset[int] = field(default=frozenset(), init=False)

@@ -37,19 +37,18 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     if name == "speed":
         return TravelChannel(name, fleet, base, split, settings)
     measured = name == "soc" and fleet.has("battery_power")
-    every, none = range(len(fleet.vehicles)), np.zeros(len(fleet.vehicles))
-    steps = [[d.charge_step for d in fleet.of(v) if d.charge_step > 0.0] for v in every]
-    # In which the charge is logged
-    step = np.array([np.median(s) if s else 0.0 for s in steps]) if name == "soc" else none
+    every = range(len(fleet.vehicles))
+    steps = [[d.charge_step for d in fleet.of(v) if d.charge_step > 0.0 and name == "soc"] for v in every]
+    step = np.array([np.median(s) if s else 0.0 for s in steps])
     window = _window(fleet, name, settings, step)
-    common = step_of(fleet.days, "battery_power") if name == "battery_power" else 0.0
-    own = (step_of(fleet.of(v), "battery_power") for v in every) if name == "battery_power" else none
-    coarse = np.maximum(common, [*own])
+    power = name == "battery_power"
+    coarse = {v: step_of(fleet.of(v), name) if power else 0.0 for v in (None, *every)}
+    coarse = {v: max(own, coarse[None]) for v, own in coarse.items()}
     # Stretches of the map, or squares of the floor without one; None where neither helps
     network = fleet.network if fleet.has("edge_id") else None
     track = (pooled(fleet.days, axis) for axis in ("x", "y"))
     places: Cells | None = make_squares(*track) if network is None else make_stretches(network)
-    channel = EnergyChannel(name, fleet, base, split, window, places, measured, step, coarse, common)
+    channel = EnergyChannel(name, fleet, base, split, window, places, measured, step, coarse)
     channel.sparse = frozenset() if measured else fleet.sparse(settings.window)
     hidden = channel.settle(settings, final=False)
     if measured and (hidden**2 > DILUTED).any():

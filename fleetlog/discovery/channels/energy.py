@@ -42,15 +42,15 @@ are none (1: not one is real), as a truck in cruise does not gather speed."""
 @dataclass
 class EnergyChannel(Channel):
     """One energy channel of a fleet; see :class:`fleetlog.discovery.channels.base.Channel`. ``measured``: the
-    state of charge is judged against the recorded power; ``seconds`` of a window, steps in which the state of
-    charge and power [W] are logged, by vehicle, (V,)."""
+    state of charge is judged against the recorded power; ``seconds`` of a window, (V,), by vehicle."""
 
     seconds: Floats
     places: Cells | None
     measured: bool
-    charge_step: Floats
-    power_step: Floats
-    common_step: float  # In which the finest logger writes power [W]
+    charge_step: Floats  # Step in which the state of charge is logged, (V,)
+    power_step: dict[
+        int | None, float
+    ]  # Step in which power is logged, by vehicle and by the finest logger [W]
     between: dict[int, Between] = field(default_factory=dict)  # What power lacks between rows, by vehicle
     climbs: bool = False  # Slopes of most vehicles are those of heights that the log shows itself
 
@@ -59,9 +59,8 @@ class EnergyChannel(Channel):
         # Where power is measured, sampling hides nothing and free power by place says nothing.
         self.errors = [] if self.measured else list(ERRORS)
         # Rounding is off by any part of a step alike, and of like trucks by the same.
-        steps = {None: self.common_step, **dict(enumerate(self.power_step.tolist()))}
-        coarse = {v: step / np.sqrt(12.0) for v, step in steps.items() if step > LEAST_SWING}
-        self.errors += [ErrorSource("rounding", spread, vehicle=v) for v, spread in coarse.items()]
+        coarse = [(v, step / np.sqrt(12.0)) for v, step in self.power_step.items() if step > LEAST_SWING]
+        self.errors += [ErrorSource("rounding", spread, vehicle=v) for v, spread in coarse]
         self.by_place = self.places is not None and not self.measured
 
     def look(self, number: int, block: Block) -> None:
@@ -73,16 +72,16 @@ class EnergyChannel(Channel):
         block = replace(self.fleet.merged(block), known=None)
         if self.measured:
             block = self._on_the_clock_of_charge(block)
-        vehicle, seconds = block.vehicle, float(self.seconds[block.vehicle])
-        c = cut(block, seconds)
+        c, vehicle = cut(block, float(self.seconds[block.vehicle])), block.vehicle
         if vehicle in self.between:
             likely = self._likely_power(c, self.between[vehicle])
             block = replace(block, motion=block.motion.replaced(power=likely[block.row]))
             c = replace(c, block=block)
         capacity = 3600.0 * self.fleet.truck.battery.capacity_wh
-        energy = _recorded(c, self.name, capacity, SILENCE * seconds)
+        energy = _recorded(c, self.name, capacity, SILENCE * self.seconds[vehicle])
         frame = c.windows()
-        whole = np.isfinite(energy) & self._seen_lifts(c, frame.duration, energy) & (vehicle not in self.sparse)
+        told = np.isfinite(energy) & (vehicle not in self.sparse)
+        whole = told & self._seen_lifts(c, frame.duration, energy)
         if self.measured:  # Without its power nothing says what a truck drew.
             whole &= np.isfinite(c.energy(block.motion.power))
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
@@ -108,10 +107,13 @@ class EnergyChannel(Channel):
 
         The mean of half the rows scatters about that of all by as much as that does about the truth.
         ``final``: where rows miss much, learn to tell recorded power from the motion, too."""
-        beside = 0.0
         seen: list[tuple[Unit, Mask, Trajectory]] = []
         kind = {v: k for k, kind in enumerate(self.fleet.loggers) for v in kind}
-        enough, looked = settings.sample // 4, np.zeros(len(self.fleet.loggers))
+        beside, enough, (looked, changed, sizes) = (
+            0.0,
+            settings.sample // 4,
+            np.zeros((3, max(kind.values()) + 1)),
+        )
         for day in (self.fleet.days[k] for k in far_apart(len(self.fleet.days))):
             if looked.sum() >= enough and looked[kind[day.vehicle]]:
                 continue  # The mean square is known to 2 %
@@ -120,27 +122,25 @@ class EnergyChannel(Channel):
             looked[kind[day.vehicle]] += max(int(use.sum()), 1)
         flat = self.fleet.network is None or not self.fleet.network.has_elevation
         self.climbs = flat and 2 * sum(u.own.motion.slope.any() for u, _, _ in seen) > len(seen)
-        changed, sizes = np.zeros((2, len(looked)))
         for unit, use, rows in seen:
             change = self._thinned(unit, self.fleet.thinned(vehicle := unit.own.block.vehicle, rows))
             changed[kind[vehicle]] += float((change[use] ** 2).sum())
             sizes[kind[vehicle]] += float((unit.recorded[use] ** 2).sum())
             if not (flat or self.measured):
                 beside += float((self._beside_the_line(unit.own, settings.heights)[use] ** 2).sum())
-        by_kind, hidden = np.sqrt(changed / np.maximum(sizes, 1e-9)), np.zeros(len(self.fleet.vehicles))
-        for vehicles, missed in zip(self.fleet.loggers, by_kind.tolist(), strict=True):
-            hidden[vehicles] = missed
+        hidden = np.zeros(len(self.fleet.vehicles))
+        for k, vehicles in enumerate(self.fleet.loggers):
+            hidden[vehicles] = missed = float(np.sqrt(changed[k] / max(sizes[k], 1e-9)))
             if final and self.measured and missed**2 > DILUTED:
-                own = [s[:2] for s in seen if s[0].own.block.vehicle in vehicles]
+                own = [(unit, use) for unit, use, _ in seen if unit.key[0] in vehicles]
                 fit = learn(self, replace(self, measured=False), own, missed, settings.evidence)
                 if fit.share > 0.5:
                     self.between = self.between | dict.fromkeys(vehicles, fit)
         self.unsteady = frozenset(self.between)
         # Power that is measured at moments errs more by chance than what is told from the motion.
-        by_chance = [self.measured and v not in self.between for v in range(len(hidden))]
-        self.own_error = np.maximum(settings.model_error, np.where(by_chance, 0.5, 1.0) * settings.alike * hidden)
-        size = float(sizes.sum())
-        self.gathers, self.off_height = settings.gathers, float(np.sqrt(beside / size)) if size > 0.0 else 0.0
+        alike = [0.5 if self.measured and v not in self.between else 1.0 for v in range(len(hidden))]
+        self.own_error = np.maximum(settings.model_error, settings.alike * np.array(alike) * hidden)
+        self.gathers, self.off_height = settings.gathers, float(np.sqrt(beside / max(sizes.sum(), 1e-9)))
         hunted = self._hunted(seen)
         self.errors += [replace(RIPPLE, road=r) for r in hunted]
         if hunted and self.fleet.network is not None:
@@ -313,8 +313,8 @@ class EnergyChannel(Channel):
         return np.column_stack([
             np.nan_to_num(w.x) / 4.0 * moving, np.nan_to_num(w.y) / 4.0 * moving,
             np.cos(m.heading[sample]) * moving, np.sin(m.heading[sample]) * moving, m.payload[sample] / 500.0,
-            w.distance / wide / 0.5, wide / self.seconds[c.block.vehicle] * 3.0, rise / scale * 2.0, tried / scale * 2.0,
-            lift / scale * 2.0, np.nan_to_num(m.ambient_temperature[sample]) / 4.0,
+            w.distance / wide / 0.5, wide / self.seconds[c.block.vehicle] * 3.0, rise / scale * 2.0,
+            tried / scale * 2.0, lift / scale * 2.0, np.nan_to_num(m.ambient_temperature[sample]) / 4.0,
             w.time / self.fleet.span * 3.0, w.vehicle * 3.0,
         ])  # fmt: skip
 

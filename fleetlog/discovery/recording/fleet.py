@@ -66,8 +66,8 @@ class Fleet:
         """Whether any vehicle-day knows the column."""
         return any(column in d.known for d in self.days)
 
-    def of(self, vehicle: int) -> list[Day]:
-        """Return the days of a vehicle; of one without any those of all."""
+    def of(self, vehicle: int | None) -> list[Day]:
+        """Return the days of a vehicle; of one without any, or of none, those of all."""
         return [d for d in self.days if d.vehicle == vehicle] or self.days
 
     def each(self, work: Callable[[int], R]) -> Iterator[R]:
@@ -181,7 +181,7 @@ class Fleet:
 
     @cached_property
     def loggers(self) -> list[list[int]]:
-        """Vehicles by kind of logger, of one kind those whose rows lie about as far apart and tell the same."""
+        """Vehicles by kind of logger; rows of one kind lie about as far apart, and tell the same."""
         kinds: dict[tuple[float, bool, bool], list[int]] = {}
         for v in sorted({d.vehicle for d in self.days}):
             apart = round(2.0 * math.log2(max(self.updates[v], 1e-3)))  # To a fifth either way

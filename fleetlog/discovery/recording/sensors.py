@@ -119,28 +119,29 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[list[Fau
         return [], fleet
 
     def fault(kind: str, of: dict[int, float], error: float, after: str) -> Fault:
-        metric, every = "share of the power that the model does not explain", [k for v in of for k in looks[v]]
-        means = (float(np.mean([getattr(k, name) for k in every])) for name in ("before", after))
-        off = replace(late, by_vehicle=of, all_vehicles=len(of) == len(middle))
-        return Fault(terms[kind].name, "battery_power", metric, replace(off, error=max(error, *finest[[*of]])), *means)
+        every = [k for v in of for k in looks[v]]
+        before, after_it = (float(np.mean([getattr(k, name) for k in every])) for name in ("before", after))
+        error = max(error, *finest[[*of]])
+        off = replace(late, by_vehicle=of, all_vehicles=len(of) == len(middle), error=error)
+        metric = "share of the power that the model does not explain"
+        return Fault(terms[kind].name, "battery_power", metric, off, before, after_it)
 
     told: dict[int, float] = {}
     for kind in fleet.loggers if "mean" in terms else ():
-        own = [v for v in kind if v in late.by_vehicle]
-        every = [k for v in own for k in looks[v]]
         # By how much a mean runs behind is known poorly: what its own pieces say tells of each vehicle, and
-        # where all are late alike what those of all say.
-        shift, error = np.array([middle[v] for v in own]).reshape(-1, 2).T
-        one = bool(own) and float(np.ptp(shift)) < SURE * error.max()
-        if mean := [v for v in own if _averaged(every if one else looks[v])]:
-            beside = [v for v in kind if v in middle and v not in own and _averaged(looks[v])]
-            interval = float(np.median([k.interval for v in mean for k in looks[v]]))
-            told |= dict.fromkeys([*mean, *beside], interval)
-    faults = []
-    if told:
-        faults = [fault("mean", told, _spread([k.interval for v in told for k in looks[v]]), "averaged")]
-        # A mean that is held stands for all the time that it is held.
+        # where all of one kind of logger are late alike what the pieces of all say.
+        own = [v for v in kind if v in late.by_vehicle]
+        alike = np.ptp([middle[v][0] for v in own] or [0.0]) < SURE * max(
+            [middle[v][1] for v in own] or [0.0]
+        )
+        every = [k for v in own for k in looks[v]]
+        if mean := [v for v in own if _averaged(every if alike else looks[v])]:
+            mean += [v for v in kind if v in middle and v not in own and _averaged(looks[v])]
+            told |= dict.fromkeys(mean, float(np.median([k.interval for v in mean for k in looks[v]])))
+    # A mean that is held stands for all the time that it is held.
     lag = {v: 0.5 * (told[v] if v in fleet.held else fleet.steps[v]) for v in told}
+    spread = _spread([k.interval for v in told for k in looks[v]]) if told else 0.0
+    faults = [fault("mean", told, spread, "averaged")] if told else []
     if "clock" in terms and (shifted := {v: m for v, m in late.by_vehicle.items() if v not in told}):
         faults.append(fault("clock", shifted, late.error, "after"))
         lag |= shifted
@@ -257,20 +258,19 @@ def _speed(fleet: Fleet, split: Split, term: Term) -> tuple[dict[int, float], Fa
     for vehicle, way in itertools.chain.from_iterable(fleet.each(partial(_ways, fleet, split))):
         ways.setdefault(vehicle, []).append(way)
     # A speed in whole km/h is off by as much all the time that a truck keeps to one speed.
-    coarse, steps, every = np.zeros(len(fleet.vehicles)), fleet.steps, step_of(fleet.days, "speed")
+    coarse, steps, finest = np.zeros(len(fleet.vehicles)), fleet.steps, step_of(fleet.days, "speed")
     for v in ways:
         moving = (speeds := pooled(fleet.of(v), "speed"))[speeds > STANDING_SPEED]
-        step = max(every, step_of(fleet.of(v), "speed"))
-        coarse[v] = step / math.sqrt(12.0) / float(np.median(moving)) if len(moving) else 0.0
+        step = max(finest, step_of(fleet.of(v), "speed")) / math.sqrt(12.0)
+        coarse[v] = step / float(np.median(moving)) if len(moving) else 0.0
     told = (steps <= DENSE) & (coarse < COARSE)
     least = np.where(told, LATE * np.maximum(1.0, 1.5 * steps), math.inf)
     found = {v: _ratio(np.array(w), least[v]) for v, w in ways.items() if len(w) >= FEWEST}
     late = {v: -shift for v, (_, _, _, shift) in found.items() if shift}
-    # How trucks drive between rows is alike in all of them, and so is what the integral misses of it, by the
-    # square of the time between rows.
-    missed = [m / steps[v] ** 2 for v, (_, _, m, _) in found.items()]
-    missing = float(np.sqrt(np.mean(np.square(missed)))) * steps**2 if found else steps
-    errors = {v: (ratio, math.hypot(e, missing[v], coarse[v])) for v, (ratio, e, _, _) in found.items()}
+    # How trucks drive between rows is alike in all of them, and so is what the integral misses, by its step.
+    missed = float(np.sqrt(np.mean([(m / steps[v] ** 2) ** 2 for v, (_, _, m, _) in found.items()] or [0.0])))
+    miss = np.hypot(missed * steps**2, coarse)
+    errors = {v: (ratio, math.hypot(error, miss[v])) for v, (ratio, error, _, _) in found.items()}
     if (off := _off(errors, 1.0, np.full(len(steps), 1.5 * term.parameters[0].tolerance))) is None:
         return late, None
     metric = "deviation of travelled distance"
@@ -289,7 +289,8 @@ def _ways(fleet: Fleet, split: Split, date: int) -> list[tuple[int, Floats]]:
         fold = split.rows(t.trip_ids() + TRIP * day.vehicle, time, day.vehicle, date)
         travelled = metres_driven(t.seconds(), speed)
         on_map = fleet.network is not None and "edge_id" in day.known
-        for a, b, gone in _on_edges(t, fleet, fleet.steps[day.vehicle]) if on_map else _on_chords(t, travelled):
+        step = float(fleet.steps[day.vehicle])
+        for a, b, gone in _on_edges(t, fleet, step) if on_map else _on_chords(t, travelled):
             # Noise about a standstill adds up to metres, and says nothing of how speed is scaled.
             if fold[a] != HELD_OUT and speed[a : b + 1].min() > STANDING_SPEED:
                 few = np.append(np.arange(a, b, 2), b)

@@ -92,8 +92,7 @@ def counts(problem: Problem, h: Hypothesis, size: Size, material: float) -> bool
     # Tolerances may say most of a number, so that unseen trips confirm a small part of a large effect; of a
     # false number they confirm a small part of a small one.  An error that is alike in all trucks and hours
     # takes nothing away between them.
-    unsteady = problem.channel.unsteady
-    between = not h.scope.whole and not any(h.scope.covers(v) for v in unsteady)
+    between = not h.scope.whole and not any(h.scope.covers(v) for v in problem.channel.unsteady)
     return size.share >= material and (between or size.share * size.verified >= own**2)
 
 

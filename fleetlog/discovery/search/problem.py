@@ -174,9 +174,11 @@ def learn(
         residual, levels = _left(kept, noise)
         noise = _classes(kept, residual, levels, model_error)
         for vehicles, own in loggers:
-            mine = [i for i, (unit, _, _) in enumerate(kept) if unit.key[0] in vehicles]
-            if sum(int(kept[i][0].whole.sum()) for i in mine) >= ENOUGH:
-                of_kind = _classes(*([v[i] for i in mine] for v in (kept, residual, levels)), own)
+            mine = [one for one in zip(kept, residual, levels, strict=True) if one[0][0].key[0] in vehicles]
+            if sum(int(unit.whole.sum()) for (unit, _, _), _, _ in mine) >= ENOUGH:
+                of_kind = _classes(
+                    [k for k, _, _ in mine], [r for _, r, _ in mine], [s for _, _, s in mine], own
+                )
                 noise.of_logger |= dict.fromkeys(vehicles, of_kind)
         for (unit, _, _), r in zip(kept, residual, strict=True):
             z = np.abs(r) * np.sqrt(noise.plain(unit))
