@@ -189,8 +189,7 @@ def _above_floor(problem: Problem, rest: float, floor: float | None) -> bool:
         return False
     left = np.sqrt(max(rest**2 - floor**2, 0.0))
     channel = problem.channel
-    own = float(np.sqrt(np.mean([channel.own_error[d.vehicle] ** 2 for d in channel.fleet.days])))
-    least = max(problem.settings.material, channel.gathers * own)
+    least = max(problem.settings.material, channel.gathers * channel.plain_error)
     return bool(left > least and rest > problem.settings.at_floor * floor)
 
 

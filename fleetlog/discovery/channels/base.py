@@ -104,6 +104,11 @@ class Channel(ABC):
         return self.error_of(FLEET)
 
     @property
+    def plain_error(self) -> float:
+        """The same where all trucks weigh alike, whatever they miss."""
+        return float(np.sqrt(np.mean([self.own_error[d.vehicle] ** 2 for d in self.fleet.days])))
+
+    @property
     def place_error(self) -> float:
         """The same share at some places, where it gathers."""
         return self.gathers * self.model_error + self.off_height

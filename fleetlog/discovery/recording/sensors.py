@@ -258,11 +258,8 @@ def _speed(fleet: Fleet, split: Split, term: Term) -> tuple[dict[int, float], Fa
     for vehicle, way in itertools.chain.from_iterable(fleet.each(partial(_ways, fleet, split))):
         ways.setdefault(vehicle, []).append(way)
     # A speed in whole km/h is off by as much all the time that a truck keeps to one speed.
-    coarse, steps, finest = np.zeros(len(fleet.vehicles)), fleet.steps, step_of(fleet.days, "speed")
-    for v in ways:
-        moving = (speeds := pooled(fleet.of(v), "speed"))[speeds > STANDING_SPEED]
-        step = max(finest, step_of(fleet.of(v), "speed")) / math.sqrt(12.0)
-        coarse[v] = step / float(np.median(moving)) if len(moving) else 0.0
+    moving, steps = (speeds := pooled(fleet.days, "speed"))[speeds > STANDING_SPEED], fleet.steps
+    coarse = step_of(fleet.days, "speed") / math.sqrt(12.0) / float(np.median(moving)) if len(moving) else 0.0
     told = (steps <= DENSE) & (coarse < COARSE)
     least = np.where(told, LATE * np.maximum(1.0, 1.5 * steps), math.inf)
     found = {v: _ratio(np.array(w), least[v]) for v, w in ways.items() if len(w) >= FEWEST}
