@@ -86,7 +86,7 @@ def head(v: Verdict) -> str:
     if v.word == "none" and not v.passes:
         told, untold = ([c.name for c in v.channels if c.judged == known] for known in (True, False))
         names = ", ".join(untold + [f"truck {name}" for name in v.left_out])
-        return f"Nothing is missing in {' and '.join(told)}. Not judged, and perhaps wrong: {names}."
+        return f"Nothing is missing in {' and '.join(told)}. Not judged: {names}."
     found = f"The model leaves out {count(len(v.findings), 'effect')}."
     described = not v.unexplained and all(f.physics or f.term != "unknown" for f in v.findings)
     return HEADS.get("unnamed" if v.word == "unknown" and described else v.word, found)
