@@ -92,7 +92,7 @@ class Channel(ABC):
         return {**self.__dict__, "_held": []}
 
     def error_of(self, scope: Scope) -> float:
-        """Return the share that any model may miss of what trucks say together: who misses less, says more."""
+        """Return the share that any model may miss of what trucks say together: who misses less says more."""
         days = [d.vehicle for d in self.fleet.days if scope.covers(d.vehicle)]
         own = self.own_error[[v for v in days if v not in self.sparse] or days]
         return float(np.sum(1.0 / own) / np.sum(own**-2.0))

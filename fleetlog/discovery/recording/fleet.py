@@ -189,7 +189,7 @@ class Fleet:
         return list(kinds.values())
 
     def sparse(self, window: float) -> frozenset[int]:
-        """Return the vehicles whose rows are so far apart [s]: between them trucks set off and stop unseen."""
+        """Return the vehicles whose rows are so far apart [s]: between them they set off and stop unseen."""
         return frozenset(v for kind in self.loggers for v in kind if self.steps[v] >= window)
 
     @property
