@@ -119,15 +119,23 @@ def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault])
     unexplained = [n for n, e in explained.items() if e.unexplained]
     adjustments = [a for e in explained.values() for a in e.adjustments]
     notes = absences(fleet, once) + [n for e in explained.values() for n in _hidden(e)]
-    return Verdict([e.fit for e in explained.values()], order, adjustments, unexplained, notes)
+    sparse = frozenset().union(*(e.problem.channel.sparse for e in explained.values()))
+    left_out = [*fleet.left_out, *(fleet.vehicles[v] for v in sorted(sparse))]
+    return Verdict([e.fit for e in explained.values()], order, adjustments, unexplained, notes, left_out)
 
 
 def _hidden(e: Explained) -> list[str]:
     """What a channel hides, and what is slight. No travel time is known better than the profile is right."""
     channel, settings, notes = e.problem.channel, e.problem.settings, list(e.problem.channel.notes)
-    if channel.model_error > max(settings.material, settings.profile_error):
-        least = f"{channel.name}: rows are too far apart to show effects of less than "
-        notes.append(least + percent(channel.model_error))
+    trucks, kinds = channel.fleet.vehicles, channel.fleet.loggers
+    for kind in (k for k in kinds if not channel.sparse.issuperset(k)):
+        if (own := channel.own_error[kind[0]]) > max(settings.material, settings.profile_error):
+            whose = f" of {', '.join(trucks[v] for v in kind)}" if len(kinds) > 1 else ""
+            apart = "rows are too far apart to show effects of less than"
+            notes.append(f"{channel.name}{whose}: {apart} {percent(own)}")
+    if channel.sparse and e.fit.before is not None:
+        apart = ", ".join(f"{trucks[v]} ({channel.fleet.steps[v]:.0f} s)" for v in sorted(channel.sparse))
+        notes.append(f"{channel.name}: not judged of trucks whose rows are too far apart: {apart}")
     if e.strain > settings.material:
         many = f"numbers of the truck file, each within its tolerance, change {percent(e.strain)} together"
         notes.append(f"{channel.name}: {many}, more than chance would: one of them may be far off")

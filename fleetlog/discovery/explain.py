@@ -62,9 +62,8 @@ class Task:
 
 
 def _too_sparse(problem: Problem) -> bool:
-    """Whether rows are as far apart as a window is to be: between them trucks set off and stop unseen."""
-    channel = problem.channel
-    return channel.by_motion and channel.fleet.step >= problem.settings.window
+    """Whether rows of all trucks are as far apart as a window is to be."""
+    return problem.channel.sparse >= {d.vehicle for d in problem.channel.fleet.days}
 
 
 Searched: TypeAlias = tuple[Search, Noise] | None  # Of a channel's sample; None with too few windows
@@ -199,15 +198,22 @@ def _above_floor(problem: Problem, rest: float, floor: float | None) -> bool:
         return False
     left = np.sqrt(max(rest**2 - floor**2, 0.0))
     channel = problem.channel
-    least = max(problem.settings.material, channel.model_error, channel.place_error - channel.off_height)
+    least = max(problem.settings.material, channel.gathers * channel.plain_error)
     return bool(left > least and rest > problem.settings.at_floor * floor)
 
 
 def _hidden(asked: Task, floor: float | None) -> str | None:
     """Say why nothing can be said to be missing: what noise leaves to a model that is right hides a number
-    that changes a material share of every window. It would gain half of windows * (share / floor)^2."""
-    settings = asked.problem.settings
-    least = (floor or 0.0) * np.sqrt(2.0 * (settings.evidence + settings.parameter) / asked.windows)
+    that changes a material share of every window. It would gain half of windows * (share / floor)^2; more
+    where trucks differ, as a poor logger hides only what its own truck shows."""
+    settings, each = asked.problem.settings, dict[int, Floats]()
+    for unit in asked.sample.training():
+        use, noise = unit.whole, 1.0 / asked.sample.noise.plain(unit)
+        own = np.array([use.sum(), (unit.recorded[use] ** 2).sum(), noise[use].sum()])
+        each[unit.key[0]] = each.get(unit.key[0], 0.0) + own
+    count, energy, noise = np.stack([own for own in each.values() if own[0] > 0.0], axis=1)
+    known = count @ (energy / noise) / count.sum() / (energy.sum() / noise.sum())
+    least = (floor or 0.0) * np.sqrt(2.0 * (settings.evidence + settings.parameter) / asked.windows / known)
     if least <= settings.material:
         return None
     return f"noise hides what changes it by less than {percent(least)}; record more, or rows closer together"

@@ -14,7 +14,7 @@ from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.paths import Lost
 from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, FreeCurve, Source, knots_of
-from fleetlog.discovery.model import Knob, Model, Scope
+from fleetlog.discovery.model import FLEET, Knob, Model, Scope
 from fleetlog.discovery.recording.blocks import Block, Windows, picked, stacked
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.shelf import Shelf
@@ -69,13 +69,14 @@ class Channel(ABC):
     base: Model
     split: Split
     metric: str = field(default="", init=False)  # What the error is
-    model_error: float = field(default=0.0, init=False)
-    """Share of a window's quantity that any model may miss."""
-    place_error: float = field(default=0.0, init=False)  # The same share at some places, where it gathers
-    off_height: float = field(default=0.0, init=False)  # Of it, what the heights of a map may be off
-    steady: bool = field(default=True, init=False)
-    """Whether the model's own error is alike in all trucks and hours."""
-    by_motion: bool = field(default=True, init=False)  # Whether it is predicted from how trucks move
+    own_error: Floats = field(default_factory=lambda: np.zeros(0), init=False)
+    """(V,) share of a window's quantity that any model may miss: every truck has its own logger."""
+    gathers: float = field(default=1.0, init=False)  # Times so much at some places
+    off_height: float = field(default=0.0, init=False)  # Share that the heights of a map may be off there
+    unsteady: frozenset[int] = field(default=frozenset(), init=False)
+    """Vehicles in whose hours the model's own error is not alike."""
+    sparse: frozenset[int] = field(default=frozenset(), init=False)
+    """Vehicles that are not judged, as their motion between rows is not known."""
     bends: bool = field(default=True, init=False)  # Whether effects bend it: trucks begin to brake
     by_place: bool = field(default=True, init=False)  # Whether free power (or time) by place can be told
     errors: list[ErrorSource] = field(default_factory=list, init=False)  # What sampling hides
@@ -89,6 +90,27 @@ class Channel(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_held": []}
+
+    def error_of(self, scope: Scope) -> float:
+        """Return the share that any model may miss of what trucks say together: who misses less says more."""
+        days = [d.vehicle for d in self.fleet.days if scope.covers(d.vehicle)]
+        own = self.own_error[[v for v in days if v not in self.sparse] or days]
+        return float(np.sum(1.0 / own) / np.sum(own**-2.0))
+
+    @property
+    def model_error(self) -> float:
+        """Share of a window's quantity that any model may miss of all trucks together."""
+        return self.error_of(FLEET)
+
+    @property
+    def plain_error(self) -> float:
+        """The same where all trucks weigh alike, whatever they miss."""
+        return float(np.sqrt(np.mean([self.own_error[d.vehicle] ** 2 for d in self.fleet.days])))
+
+    @property
+    def place_error(self) -> float:
+        """The same share at some places, where it gathers."""
+        return self.gathers * self.model_error + self.off_height
 
     @abstractmethod
     def look(self, number: int, block: Block) -> None:

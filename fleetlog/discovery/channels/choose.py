@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.between import DILUTED
 from fleetlog.discovery.channels.energy import EnergyChannel
@@ -36,29 +37,33 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     if name == "speed":
         return TravelChannel(name, fleet, base, split, settings)
     measured = name == "soc" and fleet.has("battery_power")
-    steps = [d.charge_step for d in fleet.days if d.charge_step > 0.0]
-    step = float(np.median(steps)) if name == "soc" and steps else 0.0  # In which the charge is logged
+    every = range(len(fleet.vehicles))
+    steps = [[d.charge_step for d in fleet.of(v) if d.charge_step > 0.0 and name == "soc"] for v in every]
+    step = np.array([np.median(s) if s else 0.0 for s in steps])
     window = _window(fleet, name, settings, step)
-    coarse = step_of(fleet.days, "battery_power") if name == "battery_power" else 0.0
+    power = name == "battery_power"
+    coarse = {v: step_of(fleet.of(v), name) if power else 0.0 for v in (None, *every)}
+    coarse = {v: max(own, coarse[None]) for v, own in coarse.items()}
     # Stretches of the map, or squares of the floor without one; None where neither helps
     network = fleet.network if fleet.has("edge_id") else None
     track = (pooled(fleet.days, axis) for axis in ("x", "y"))
     places: Cells | None = make_squares(*track) if network is None else make_stretches(network)
     channel = EnergyChannel(name, fleet, base, split, window, places, measured, step, coarse)
+    channel.sparse = frozenset() if measured else fleet.sparse(settings.window)
     hidden = channel.settle(settings, final=False)
-    if measured and hidden**2 > DILUTED:
+    if measured and (hidden**2 > DILUTED).any():
         # As wide as leaves enough of them to see what the battery does as it empties.
         most = min(WIDEST, fleet.seconds / (ENOUGH * settings.fewest))
-        wider = float(np.clip(window * hidden**2 / DILUTED, window, max(most, window)))
+        wider = np.clip(window * hidden**2 / DILUTED, window, np.maximum(most, window))
         channel = replace(channel, seconds=wider)
         channel.settle(settings, final=True)
     return channel
 
 
-def _window(fleet: Fleet, channel: str, settings: Settings, step: float) -> float:
-    """Length of a window [s]: longer where rows are far apart, and for a coarse state of charge."""
-    wide = max(settings.window, ROWS * fleet.update)
+def _window(fleet: Fleet, channel: str, settings: Settings, step: Floats) -> Floats:
+    """Length of a window of each vehicle [s]: longer where rows are far apart, and for a coarse charge."""
+    wide = np.maximum(settings.window, ROWS * fleet.updates)
     if channel == "soc":
         used = sum(d.charge_used for d in fleet.days)
-        wide = max(wide, QUANTA * step * fleet.seconds / max(used, 1e-9))
-    return float(min(wide, WIDEST))
+        wide = np.maximum(wide, QUANTA * step * fleet.seconds / max(used, 1e-9))
+    return np.minimum(wide, WIDEST)

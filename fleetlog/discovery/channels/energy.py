@@ -1,6 +1,6 @@
 """The energy channels: what battery power or the state of charge adds up to over some ten seconds."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import percentile_filter
@@ -42,25 +42,25 @@ are none (1: not one is real), as a truck in cruise does not gather speed."""
 @dataclass
 class EnergyChannel(Channel):
     """One energy channel of a fleet; see :class:`fleetlog.discovery.channels.base.Channel`. ``measured``: the
-    state of charge is judged against the recorded power; ``seconds`` of a window."""
+    state of charge is judged against the recorded power; ``seconds`` of a window, (V,), by vehicle."""
 
-    seconds: float
+    seconds: Floats
     places: Cells | None
-    measured: bool = False
-    charge_step: float = 0.0  # Step in which the state of charge is logged
-    power_step: float = 0.0  # Step in which power is logged [W]
-    between: Between | None = None  # What recorded power lacks between rows
+    measured: bool
+    charge_step: Floats  # Step in which the state of charge is logged, (V,)
+    power_step: dict[
+        int | None, float
+    ]  # Step in which power is logged, by vehicle and by the finest logger [W]
+    between: dict[int, Between] = field(default_factory=dict)  # What power lacks between rows, by vehicle
     climbs: bool = False  # Slopes of most vehicles are those of heights that the log shows itself
 
     def __post_init__(self) -> None:
-        self.metric = f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
-        self.by_motion = not self.measured
+        self.metric = f"rms error of energy per {np.median(self.seconds):.0f} s window, over rms energy"
         # Where power is measured, sampling hides nothing and free power by place says nothing.
         self.errors = [] if self.measured else list(ERRORS)
         # Rounding is off by any part of a step alike, and of like trucks by the same.
-        if self.power_step > LEAST_SWING:
-            spread, vehicles = self.power_step / np.sqrt(12.0), (None, *range(len(self.fleet.vehicles)))
-            self.errors += [ErrorSource("rounding", spread, vehicle=v) for v in vehicles]
+        coarse = [(v, step / np.sqrt(12.0)) for v, step in self.power_step.items() if step > LEAST_SWING]
+        self.errors += [ErrorSource("rounding", spread, vehicle=v) for v, spread in coarse]
         self.by_place = self.places is not None and not self.measured
 
     def look(self, number: int, block: Block) -> None:
@@ -72,19 +72,20 @@ class EnergyChannel(Channel):
         block = replace(self.fleet.merged(block), known=None)
         if self.measured:
             block = self._on_the_clock_of_charge(block)
-        c = cut(block, self.seconds)
-        if self.between is not None:
-            likely = self._likely_power(c, self.between)
+        c, vehicle = cut(block, float(self.seconds[block.vehicle])), block.vehicle
+        if vehicle in self.between:
+            likely = self._likely_power(c, self.between[vehicle])
             block = replace(block, motion=block.motion.replaced(power=likely[block.row]))
             c = replace(c, block=block)
         capacity = 3600.0 * self.fleet.truck.battery.capacity_wh
-        energy = _recorded(c, self.name, capacity, SILENCE * self.seconds)
+        energy = _recorded(c, self.name, capacity, SILENCE * self.seconds[vehicle])
         frame = c.windows()
-        whole = np.isfinite(energy) & self._seen_lifts(c, frame.duration, energy)
+        told = np.isfinite(energy) & (vehicle not in self.sparse)
+        whole = told & self._seen_lifts(c, frame.duration, energy)
         if self.measured:  # Without its power nothing says what a truck drew.
             whole &= np.isfinite(c.energy(block.motion.power))
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
-        coarse = (self.charge_step * 3.6 * self.fleet.truck.battery.capacity_wh) ** 2 / 6.0
+        coarse = (self.charge_step[vehicle] * 3.6 * self.fleet.truck.battery.capacity_wh) ** 2 / 6.0
         e = self.evaluation(block, self.base)
         noise = np.full(c.count, coarse)
         if not self.measured:
@@ -95,42 +96,51 @@ class EnergyChannel(Channel):
         # Measured power errs where it is large by chance: how noisy a window is must not hang on that.
         level = c.energy((replace(e, measured=None) if self.measured else e).power)
         if self.name == "battery_power":  # Who stands, and draws next to nothing of what is due, is off
-            rounded_up = level > 0.75e-3 * self.power_step * frame.duration
+            rounded_up = level > 0.75e-3 * self.power_step[vehicle] * frame.duration
             whole &= ~(_at_rest(c) & rounded_up & (np.abs(energy) < OFF * level))
         fold = self.split.fold(frame)
         return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, fold, c)
 
-    def settle(self, settings: Settings, *, final: bool) -> float:
-        """Measure the model's own error on some vehicle-days, and return the error of sampling: by how much
-        of its energy a window's residual changes with every second row left out.
+    def settle(self, settings: Settings, *, final: bool) -> Floats:
+        """Measure the model's own error on some vehicle-days, and return the error of sampling, (V,), of each
+        kind of logger: by how much of its energy a window's residual changes with every second row left out.
 
         The mean of half the rows scatters about that of all by as much as that does about the truth.
         ``final``: where rows miss much, learn to tell recorded power from the motion, too."""
-        changed = size = beside = 0.0
         seen: list[tuple[Unit, Mask, Trajectory]] = []
+        kind = {v: k for k, kind in enumerate(self.fleet.loggers) for v in kind}
+        beside, enough, (looked, changed, sizes) = (
+            0.0,
+            settings.sample // 4,
+            np.zeros((3, max(kind.values()) + 1)),
+        )
         for day in (self.fleet.days[k] for k in far_apart(len(self.fleet.days))):
+            if looked.sum() >= enough and looked[kind[day.vehicle]]:
+                continue  # The mean square is known to 2 %
             unit = self._unit(self.fleet.block(day.vehicle, rows := day.load()))
-            seen.append((unit, unit.whole & (unit.fold != HELD_OUT), rows))
-            if sum(int(use.sum()) for _, use, _ in seen) >= settings.sample // 4:
-                break  # Their mean square is known to 2 %
+            seen.append((unit, use := unit.whole & (unit.fold != HELD_OUT), rows))
+            looked[kind[day.vehicle]] += max(int(use.sum()), 1)
         flat = self.fleet.network is None or not self.fleet.network.has_elevation
         self.climbs = flat and 2 * sum(u.own.motion.slope.any() for u, _, _ in seen) > len(seen)
         for unit, use, rows in seen:
-            change = self._thinned(unit, self.fleet.thinned(unit.own.block.vehicle, rows))
-            changed += float((change[use] ** 2).sum())
-            size += float((unit.recorded[use] ** 2).sum())
+            change = self._thinned(unit, self.fleet.thinned(vehicle := unit.own.block.vehicle, rows))
+            changed[kind[vehicle]] += float((change[use] ** 2).sum())
+            sizes[kind[vehicle]] += float((unit.recorded[use] ** 2).sum())
             if not (flat or self.measured):
                 beside += float((self._beside_the_line(unit.own, settings.heights)[use] ** 2).sum())
-        hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
-        if final and self.measured and hidden**2 > DILUTED:
-            fit = learn(self, replace(self, measured=False), [s[:2] for s in seen], hidden, settings.evidence)
-            if fit.share > 0.5:
-                self.between, self.steady = fit, False
+        hidden = np.zeros(len(self.fleet.vehicles))
+        for k, vehicles in enumerate(self.fleet.loggers):
+            hidden[vehicles] = missed = float(np.sqrt(changed[k] / max(sizes[k], 1e-9)))
+            if final and self.measured and missed**2 > DILUTED:
+                own = [(unit, use) for unit, use, _ in seen if unit.key[0] in vehicles]
+                fit = learn(self, replace(self, measured=False), own, missed, settings.evidence)
+                if fit.share > 0.5:
+                    self.between = self.between | dict.fromkeys(vehicles, fit)
+        self.unsteady = frozenset(self.between)
         # Power that is measured at moments errs more by chance than what is told from the motion.
-        alike = (0.5 if self.measured and self.between is None else 1.0) * settings.alike
-        self.model_error = max(settings.model_error, alike * hidden)
-        self.off_height = float(np.sqrt(beside / size)) if size > 0.0 else 0.0
-        self.place_error = settings.gathers * self.model_error + self.off_height
+        alike = [0.5 if self.measured and v not in self.between else 1.0 for v in range(len(hidden))]
+        self.own_error = np.maximum(settings.model_error, settings.alike * np.array(alike) * hidden)
+        self.gathers, self.off_height = settings.gathers, float(np.sqrt(beside / max(sizes.sum(), 1e-9)))
         hunted = self._hunted(seen)
         self.errors += [replace(RIPPLE, road=r) for r in hunted]
         if hunted and self.fleet.network is not None:
@@ -166,11 +176,11 @@ class EnergyChannel(Channel):
             return ()
         swings, energy = np.zeros((2, len(self.places.network)))
         for unit, whole, _ in seen:
-            use = whole & (unit.windows.edge >= 0)
+            use, sure = whole & (unit.windows.edge >= 0), 1.0 / self.own_error[unit.key[0]]
             road = self.places.road(unit.windows.edge[use])
             ripple = self.columns(unit, self.base, [RIPPLE])[1][use, 0]
-            swings += np.bincount(road, ripple**2, len(swings))
-            energy += np.bincount(road, unit.recorded[use] ** 2, len(swings))
+            swings += np.bincount(road, (sure * ripple) ** 2, len(swings))
+            energy += np.bincount(road, (sure * unit.recorded[use]) ** 2, len(swings))
         worst = np.argsort(-swings)[:MOST_HUNTED]
         material = RIPPLE.most**2 * swings > self.place_error**2 * energy
         return tuple(int(r) for r in worst if material[r])
@@ -303,8 +313,8 @@ class EnergyChannel(Channel):
         return np.column_stack([
             np.nan_to_num(w.x) / 4.0 * moving, np.nan_to_num(w.y) / 4.0 * moving,
             np.cos(m.heading[sample]) * moving, np.sin(m.heading[sample]) * moving, m.payload[sample] / 500.0,
-            w.distance / wide / 0.5, wide / self.seconds * 3.0, rise / scale * 2.0, tried / scale * 2.0,
-            lift / scale * 2.0, np.nan_to_num(m.ambient_temperature[sample]) / 4.0,
+            w.distance / wide / 0.5, wide / self.seconds[c.block.vehicle] * 3.0, rise / scale * 2.0,
+            tried / scale * 2.0, lift / scale * 2.0, np.nan_to_num(m.ambient_temperature[sample]) / 4.0,
             w.time / self.fleet.span * 3.0, w.vehicle * 3.0,
         ])  # fmt: skip
 

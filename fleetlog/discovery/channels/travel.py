@@ -155,9 +155,9 @@ class TravelChannel(Channel):
         self.metric = f"rms error of the time for {self.settings.stretch:.0f} m of path, over rms time"
         self.errors = list(ERRORS)
         # Who gathers speed is off an even course by a dt^2 / 8 between rows, half of it on average.
-        unseen = self.fleet.truck.drive.max_acceleration * self.fleet.step**2 / 16.0
-        self.model_error = max(self.settings.profile_error, unseen / self.settings.stretch)
-        self.place_error = GATHERS * self.model_error
+        unseen = self.fleet.truck.drive.max_acceleration * self.fleet.steps**2 / 16.0
+        self.own_error = np.maximum(self.settings.profile_error, unseen / self.settings.stretch)
+        self.gathers, self.sparse = GATHERS, self.fleet.sparse(self.settings.window)
         self.bends = False  # Travel times are linear in the coordinates of their numbers
 
     def look(self, number: int, block: Block) -> None:
@@ -180,6 +180,8 @@ class TravelChannel(Channel):
         share = own.sample * own.window / self.fleet.seconds  # So many windows tell how turns are driven
         ways = paths.laid_out(group, self.fleet, self.split, self.lanes, own.stretch, share) if group else ()
         for number, (laid, undisturbed) in zip(numbers, ways, strict=True):
+            if self.fleet.days[number].vehicle in self.sparse:
+                continue
             turns += crossings(undisturbed)
             if laid is not None:
                 found.append(laid)

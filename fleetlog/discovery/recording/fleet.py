@@ -1,6 +1,7 @@
 """The recording in memory: one trajectory per vehicle and day, and what it lacks."""
 
 import itertools
+import math
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -64,6 +65,10 @@ class Fleet:
     def has(self, column: str) -> bool:
         """Whether any vehicle-day knows the column."""
         return any(column in d.known for d in self.days)
+
+    def of(self, vehicle: int | None) -> list[Day]:
+        """Return the days of a vehicle; of one without any, or of none, those of all."""
+        return [d for d in self.days if d.vehicle == vehicle] or self.days
 
     def each(self, work: Callable[[int], R]) -> Iterator[R]:
         """Yield what a function makes of every date, in their order, on the engine in use."""
@@ -163,6 +168,29 @@ class Fleet:
     def step(self) -> float:
         """Median time between rows [s]."""
         return float(np.median([d.step for d in self.days]))
+
+    @cached_property
+    def steps(self) -> Floats:
+        """Median time between rows of each vehicle [s]: every truck has its own logger."""
+        return np.array([np.median([d.step for d in self.of(v)]) for v in range(len(self.vehicles))])
+
+    @cached_property
+    def updates(self) -> Floats:
+        """Median time between two values of power of each vehicle [s]."""
+        return np.maximum(self.steps, [self.held.get(v, 0.0) for v in range(len(self.vehicles))])
+
+    @cached_property
+    def loggers(self) -> list[list[int]]:
+        """Vehicles by kind of logger; rows of one kind lie about as far apart, and tell the same."""
+        kinds: dict[tuple[float, bool, bool], list[int]] = {}
+        for v in sorted({d.vehicle for d in self.days}):
+            apart = round(2.0 * math.log2(max(self.updates[v], 1e-3)))  # To a fifth either way
+            kinds.setdefault((apart, v in self.interval, v in self.speed_from_positions), []).append(v)
+        return list(kinds.values())
+
+    def sparse(self, window: float) -> frozenset[int]:
+        """Return the vehicles whose rows are so far apart [s]: between them they set off and stop unseen."""
+        return frozenset(v for kind in self.loggers for v in kind if self.steps[v] >= window)
 
     @property
     def update(self) -> float:

@@ -91,53 +91,61 @@ def examine(fleet: Fleet, split: Split, only: tuple[str, ...] = ()) -> tuple[Fle
     known = (t for t in all_terms().values() if t.acts == "sensor" and (not only or t.name in only))
     terms: dict[str, Term] = {t.fault: t for t in known}
     if "scale" in terms:
-        late, found = _speed(fleet, split, terms["scale"])
+        late, scaled = _speed(fleet, split, terms["scale"])
         fleet = replace(fleet, speed_late=late)
-        if found is not None:
-            faults.append(found)
-            fleet = replace(fleet, scale=found.off.by_vehicle)
-    if {"clock", "mean"} & set(terms) and (clock := _clock(fleet, split, terms)):
-        faults.append(clock[0])
-        fleet = replace(clock[1], load_with_power=_load_runs_with_power(clock[1]))
+        if scaled is not None:
+            faults.append(scaled)
+            fleet = replace(fleet, scale=scaled.off.by_vehicle)
+    if {"clock", "mean"} & set(terms) and fleet.has("battery_power"):
+        found, fleet = _clock(fleet, split, terms)
+        faults += found
+        if found:
+            fleet = replace(fleet, load_with_power=_load_runs_with_power(fleet))
     # A value that is held stands for the time about the first row that has it.
-    lag = {v: fleet.lag.get(v, 0.0) + 0.5 * (held - fleet.step) for v, held in fleet.held.items()}
+    lag = {v: fleet.lag.get(v, 0.0) + 0.5 * (held - fleet.steps[v]) for v, held in fleet.held.items()}
     return replace(fleet, lag=fleet.lag | lag), faults
 
 
-def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, Fleet] | None:
+def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[list[Fault], Fleet]:
     """How far the power channel runs behind the positions, or that it is a mean, and the fleet with that put
-    right. None where no vehicle's is late."""
-    if not fleet.has("battery_power"):
-        return None
+    right. Nothing where no vehicle's is late."""
     looks: dict[int, list[_Look]] = {}
     for vehicle, look in itertools.chain.from_iterable(fleet.each(partial(_looked, fleet, split))):
         looks.setdefault(vehicle, []).append(look)
-    finest = 0.06 * fleet.step
+    finest, least = 0.06 * fleet.steps, terms["clock"].parameters[0].tolerance if "clock" in terms else 0.3
     shifts = {v: [k.value for k in ks] for v, ks in looks.items() if len(ks) >= 2}
-    middle = {v: (float(np.median(s)), max(_spread(s), finest)) for v, s in shifts.items()}
-    least = (terms["clock"].parameters[0].tolerance if "clock" in terms else 0.3) * max(1.0, 1.5 * fleet.step)
-    if (late := _off(middle, 0.0, least)) is None:
-        return None
-    every = [k for v in late.by_vehicle for k in looks[v]]
+    middle = {v: (float(np.median(s)), max(_spread(s), finest[v])) for v, s in shifts.items()}
+    if (late := _off(middle, 0.0, least * np.maximum(1.0, 1.5 * fleet.steps))) is None:
+        return [], fleet
 
-    def fault(kind: str, off: Off, after: list[float]) -> Fault:
-        metric, before = "share of the power that the model does not explain", [k.before for k in every]
-        means = float(np.mean(before)), float(np.mean(after))
-        return Fault(terms[kind].name, "battery_power", metric, off, *means)
+    def fault(kind: str, of: dict[int, float], error: float, after: str) -> Fault:
+        every = [k for v in of for k in looks[v]]
+        before, after_it = (float(np.mean([getattr(k, name) for k in every])) for name in ("before", after))
+        error = max(error, *finest[[*of]])
+        off = replace(late, by_vehicle=of, all_vehicles=len(of) == len(middle), error=error)
+        metric = "share of the power that the model does not explain"
+        return Fault(terms[kind].name, "battery_power", metric, off, before, after_it)
 
-    if "mean" in terms and _averaged(every):
-        interval = float(np.median([k.interval for k in every]))
-        # By how much a mean runs behind is known poorly: what its own pieces say tells of each vehicle.
-        told = {v: interval for v in middle if v in late.by_vehicle or _averaged(looks[v])}
-        error = max(finest, _spread([k.interval for k in every]))
-        off = replace(late, by_vehicle=told, error=error, all_vehicles=len(told) == len(middle))
-        averaged = fault("mean", off, [k.averaged for k in every])
-        lag = {v: 0.5 * (interval if v in fleet.held else fleet.step) for v in told}
-        return averaged, replace(fleet, lag=lag, interval=told)
-    if "clock" not in terms:
-        return None
-    late = replace(late, error=max(late.error, finest))
-    return fault("clock", late, [k.after for k in every]), replace(fleet, lag=late.by_vehicle)
+    told: dict[int, float] = {}
+    for kind in fleet.loggers if "mean" in terms else ():
+        # By how much a mean runs behind is known poorly: what its own pieces say tells of each vehicle, and
+        # where all of one kind of logger are late alike what the pieces of all say.
+        own = [v for v in kind if v in late.by_vehicle]
+        alike = np.ptp([middle[v][0] for v in own] or [0.0]) < SURE * max(
+            [middle[v][1] for v in own] or [0.0]
+        )
+        every = [k for v in own for k in looks[v]]
+        if mean := [v for v in own if _averaged(every if alike else looks[v])]:
+            mean += [v for v in kind if v in middle and v not in own and _averaged(looks[v])]
+            told |= dict.fromkeys(mean, float(np.median([k.interval for v in mean for k in looks[v]])))
+    # A mean that is held stands for all the time that it is held.
+    lag = {v: 0.5 * (told[v] if v in fleet.held else fleet.steps[v]) for v in told}
+    spread = _spread([k.interval for v in told for k in looks[v]]) if told else 0.0
+    faults = [fault("mean", told, spread, "averaged")] if told else []
+    if "clock" in terms and (shifted := {v: m for v, m in late.by_vehicle.items() if v not in told}):
+        faults.append(fault("clock", shifted, late.error, "after"))
+        lag |= shifted
+    return faults, replace(fleet, lag=lag, interval=told)
 
 
 def _averaged(looks: list[_Look]) -> bool:
@@ -145,9 +153,9 @@ def _averaged(looks: list[_Look]) -> bool:
     return float(np.median([k.averaged - k.after for k in looks])) < 0.0
 
 
-def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> Off | None:
-    """Judge a value and its error, by vehicle; None where none is off."""
-    off = {v: m for v, (m, e) in found.items() if abs(m - right) > max(least, SURE * e)}
+def _off(found: dict[int, tuple[float, float]], right: float, least: Floats) -> Off | None:
+    """Judge a value and its error, by vehicle, from ``least`` (V,) on; None where none is off."""
+    off = {v: m for v, (m, e) in found.items() if abs(m - right) > max(least[v], SURE * e)}
     if not off:
         return None
     # What is off by less than counts, but nearer to the others than to none, has the same logger as they.
@@ -157,7 +165,7 @@ def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> O
     whole = len(off) == len(found)
     if whole and np.ptp(values) < SURE * errors.max():
         # One logger for all: the common value is better known than each vehicle's own.
-        if abs(float(np.median(values)) - right) <= least:
+        if abs(float(np.median(values)) - right) <= least[[*off]].max():
             return None
         off = dict.fromkeys(off, float(np.median(values)))
     worst = float(np.max(np.abs(values - right) / errors))
@@ -177,7 +185,7 @@ def _looked(fleet: Fleet, split: Split, date: int) -> list[tuple[int, _Look]]:
         train = split.rows(b.trip, b.time, b.vehicle, b.day) != HELD_OUT
         ends = np.linspace(0, len(b), int(np.clip(len(b) // PIECE, 1, 6)) + 1).astype(int).tolist()
         pieces = itertools.starmap(slice, itertools.pairwise(ends))
-        looks = (_best_shift(b, power, piece, train, fleet.step) for piece in pieces)
+        looks = (_best_shift(b, power, piece, train, fleet.steps[b.vehicle]) for piece in pieces)
         out += [(b.vehicle, look) for look in looks if look is not None]
     return out
 
@@ -250,16 +258,17 @@ def _speed(fleet: Fleet, split: Split, term: Term) -> tuple[dict[int, float], Fa
     for vehicle, way in itertools.chain.from_iterable(fleet.each(partial(_ways, fleet, split))):
         ways.setdefault(vehicle, []).append(way)
     # A speed in whole km/h is off by as much all the time that a truck keeps to one speed.
-    moving = (speeds := pooled(fleet.days, "speed"))[speeds > STANDING_SPEED]
+    moving, steps = (speeds := pooled(fleet.days, "speed"))[speeds > STANDING_SPEED], fleet.steps
     coarse = step_of(fleet.days, "speed") / math.sqrt(12.0) / float(np.median(moving)) if len(moving) else 0.0
-    told = fleet.step <= DENSE and coarse < COARSE
-    least = LATE * max(1.0, 1.5 * fleet.step) if told else math.inf
-    found = {v: _ratio(np.array(w), least) for v, w in ways.items() if len(w) >= FEWEST}
+    told = (steps <= DENSE) & (coarse < COARSE)
+    least = np.where(told, LATE * np.maximum(1.0, 1.5 * steps), math.inf)
+    found = {v: _ratio(np.array(w), least[v]) for v, w in ways.items() if len(w) >= FEWEST}
     late = {v: -shift for v, (_, _, _, shift) in found.items() if shift}
-    # How trucks drive between rows is alike in all of them, and so is what the integral misses of it.
-    missed = float(np.sqrt(np.mean([m**2 for _, _, m, _ in found.values()]))) if found else 0.0
-    errors = {v: (ratio, math.hypot(error, missed, coarse)) for v, (ratio, error, _, _) in found.items()}
-    if (off := _off(errors, 1.0, 1.5 * term.parameters[0].tolerance)) is None:
+    # How trucks drive between rows is alike in all of them, and so is what the integral misses, by its step.
+    missed = float(np.sqrt(np.mean([(m / steps[v] ** 2) ** 2 for v, (_, _, m, _) in found.items()] or [0.0])))
+    miss = np.hypot(missed * steps**2, coarse)
+    errors = {v: (ratio, math.hypot(error, miss[v])) for v, (ratio, error, _, _) in found.items()}
+    if (off := _off(errors, 1.0, np.full(len(steps), 1.5 * term.parameters[0].tolerance))) is None:
         return late, None
     metric = "deviation of travelled distance"
     return late, Fault(term.name, "speed", metric, off, abs(off.value - 1.0), off.error)
@@ -277,7 +286,8 @@ def _ways(fleet: Fleet, split: Split, date: int) -> list[tuple[int, Floats]]:
         fold = split.rows(t.trip_ids() + TRIP * day.vehicle, time, day.vehicle, date)
         travelled = metres_driven(t.seconds(), speed)
         on_map = fleet.network is not None and "edge_id" in day.known
-        for a, b, gone in _on_edges(t, fleet) if on_map else _on_chords(t, travelled):
+        step = float(fleet.steps[day.vehicle])
+        for a, b, gone in _on_edges(t, fleet, step) if on_map else _on_chords(t, travelled):
             # Noise about a standstill adds up to metres, and says nothing of how speed is scaled.
             if fold[a] != HELD_OUT and speed[a : b + 1].min() > STANDING_SPEED:
                 few = np.append(np.arange(a, b, 2), b)
@@ -309,7 +319,7 @@ def _ratio(ways: Floats, least: float) -> tuple[float, float, float, float]:
     return float(np.interp(shift, SHIFTS, value)), error, missed, shift
 
 
-def _on_edges(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, int, float]]:
+def _on_edges(trajectory: Trajectory, fleet: Fleet, step: float) -> Iterator[tuple[int, int, float]]:
     """Yield first row, last row and progress [m] of every traversal of the middle of an edge."""
     assert fleet.network is not None
     network = fleet.network
@@ -321,7 +331,7 @@ def _on_edges(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, int, 
     begin = np.flatnonzero(np.concatenate([[True], np.diff(edge) != 0]))
     for a, b in zip(begin, np.append(begin[1:], len(edge)), strict=True):
         rows = np.flatnonzero(inside[a:b]) + a
-        if len(rows) < 4 or np.diff(time[rows]).max(initial=0.0) > 3.5 * fleet.step:
+        if len(rows) < 4 or np.diff(time[rows]).max(initial=0.0) > 3.5 * step:
             continue
         gone = float(offset[rows[-1]] - offset[rows[0]])
         if gone > SHORTEST:

@@ -113,6 +113,7 @@ class Verdict:
     """Small corrections within the tolerance of truck file or logger, of one vehicle or all."""
     unexplained: list[str] = field(default_factory=list)  # Channels whose error stays above the noise floor
     notes: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)  # Trucks that a channel says nothing of
 
     @property
     def word(self) -> str:
@@ -125,8 +126,8 @@ class Verdict:
 
     @property
     def passes(self) -> bool:
-        """Whether nothing is missing in any channel, and every channel was judged."""
-        return self.word == "none" and all(c.judged for c in self.channels)
+        """Whether nothing is missing in any channel, and every channel was judged, of every truck."""
+        return self.word == "none" and all(c.judged for c in self.channels) and not self.left_out
 
     def document(self) -> dict[str, Any]:
         """The contract's diagnosis.json."""

@@ -58,7 +58,8 @@ def lasts(lasting: finding.Lasting, channel: Channel, settings: Settings) -> boo
     """Whether what trips that follow one another have in common is beyond chance, the model's own error, and
     material."""
     evident = lasting.p_value < float(np.exp(-settings.evidence))
-    return evident and lasting.share > max(settings.material, channel.model_error)
+    own = channel.plain_error if lasting.vehicle is None else float(channel.own_error[lasting.vehicle])
+    return evident and lasting.share > max(settings.material, own)
 
 
 def of_lasting(evident: Sequence[finding.Lasting], fit: finding.ChannelFit, trucks: Sequence[str]) -> Finding:

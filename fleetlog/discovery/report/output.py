@@ -73,7 +73,7 @@ def as_result(d: Diagnosis) -> Result:
 
 HEADS = {
     "none": "Nothing is missing: recording and model agree within the noise of the recording.",
-    "partly": "Nothing is missing in what could be judged: it agrees with the model within the noise.",
+    "unnamed": "The recording differs from the model in a way that is told below, but that no term names.",
     "unknown": "The recording differs from the model, and known physics does not explain all of it.",
     "unjudged": "Too little was recorded to judge any channel.",
 }
@@ -83,8 +83,13 @@ def head(v: Verdict) -> str:
     """Return the verdict in one sentence."""
     if not any(c.judged for c in v.channels):
         return HEADS["unjudged"]
+    if v.word == "none" and not v.passes:
+        told, untold = ([c.name for c in v.channels if c.judged == known] for known in (True, False))
+        names = ", ".join(untold + [f"truck {name}" for name in v.left_out])
+        return f"Nothing is missing in {' and '.join(told)}. Not judged: {names}."
     found = f"The model leaves out {count(len(v.findings), 'effect')}."
-    return HEADS.get("partly" if v.word == "none" and not v.passes else v.word, found)
+    described = not v.unexplained and all(f.physics or f.term != "unknown" for f in v.findings)
+    return HEADS.get("unnamed" if v.word == "unknown" and described else v.word, found)
 
 
 def lines(d: Diagnosis) -> list[str]:

@@ -86,13 +86,13 @@ def counts(problem: Problem, h: Hypothesis, size: Size, material: float) -> bool
     """Whether an effect is material, and beyond the model's own error by what unseen trips confirm of it."""
     if h.placed:
         return size.verified >= problem.channel.place_error
-    own = problem.channel.model_error
+    own = problem.channel.error_of(h.scope)
     if not h.knobs:
         return size.share >= max(material, own) and size.verified >= own
     # Tolerances may say most of a number, so that unseen trips confirm a small part of a large effect; of a
     # false number they confirm a small part of a small one.  An error that is alike in all trucks and hours
     # takes nothing away between them.
-    between = problem.channel.steady and not h.scope.whole
+    between = not h.scope.whole and not any(h.scope.covers(v) for v in problem.channel.unsteady)
     return size.share >= material and (between or size.share * size.verified >= own**2)
 
 
@@ -230,7 +230,7 @@ def considered(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) 
         h = other.chosen[-1]
         # A free curve that only repeats a name is no rival to it; one that repeats another curve is.
         same = (h.term, h.scope) == (own.term, own.scope) and (h.term or h.depends_on == own.depends_on)
-        repeats = own.term and h.term is None and verified(joint, other) < problem.channel.model_error
+        repeats = own.term and h.term is None and verified(joint, other) < problem.channel.error_of(own.scope)
         if same or repeats:
             continue
         share = float((now.losses - other.losses).sum()) / max(gained, 1e-12)

@@ -193,7 +193,7 @@ def _scores(
         own = joint.design.columns(x, unit.windows.vehicle)
         weighted = own * (problem.noise.weight(unit) * unit.whole)[:, None]
         gram += weighted.T @ own
-        shift += weighted.T @ (problem.channel.model_error * np.abs(modelled))
+        shift += weighted.T @ (problem.channel.own_error[unit.key[0]] * np.abs(modelled))
         _, which = np.unique(problem.split.unit(unit.windows), return_inverse=True)
         sums = np.zeros((int(which.max()) + 1, k))
         np.add.at(sums, which, weighted * (unit.recorded - modelled - own @ said)[:, None])

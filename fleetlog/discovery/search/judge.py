@@ -32,7 +32,7 @@ def judge(
     most; the noise floor is measured on a ``share`` of the trips."""
     channel, fits = problem.channel, [after, *beside.values(), *strongest]
     parts = channel.each(partial(_heard, problem, fits, [*without.values(), before]))
-    energy, cluster, *pooled = np.concatenate(list(parts), axis=1)
+    energy, cluster, vehicle, *pooled = np.concatenate(list(parts), axis=1)
     others = [*pooled[2 * len(fits) : -1], *pooled[2 : 2 + 2 * len(beside) : 2]]
     modelled, concealed, left = *pooled[:2], energy - pooled[-1]
     if not len(energy) or not energy.any():
@@ -43,7 +43,8 @@ def judge(
     def error(residual: Floats) -> float:
         return float(np.sqrt(np.mean(residual**2))) / size
 
-    miss, told = channel.model_error * np.abs(modelled), {}
+    own_error = channel.own_error[vehicle.astype(np.int64)]
+    miss, told = own_error * np.abs(modelled), {}
     for h, other in zip([*without, *beside], others, strict=True):
         one, two = (energy - other, new) if h in without else (new, energy - other)
         chance = p_value(one - concealed, one - two, cluster, miss)
@@ -54,7 +55,7 @@ def judge(
     fit = ChannelFit(channel.name, channel.metric, error(left), error(new), floor and floor / size)
     if strongest:
         alone, hidden, other, more = pooled[2 + 2 * len(beside) : 2 * len(fits)]
-        effect, own = other + more - alone - hidden, channel.model_error * np.abs(alone)
+        effect, own = other + more - alone - hidden, own_error * np.abs(alone)
         fit.p_value = p_value(energy - alone - hidden, effect, cluster, own)
     return fit, told, beyond_chance(new - concealed, cluster) / size, lasts
 
@@ -82,15 +83,15 @@ def p_value(residual: Floats, effect: Floats, cluster: Ints, own: float | Floats
 
 
 def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], units: Iterable[Unit]) -> Floats:
-    """(2 + 2 fits + models, W) of the windows held out: what was recorded, what they were held out with, what
-    fits say and what by them sampling hides, and what models say."""
+    """(3 + 2 fits + models, W) of the windows held out: what was recorded, what they were held out with, the
+    vehicle, what fits say and what by them sampling hides, and what models say."""
 
     def heard(u: Unit) -> Floats:
         told = [values for joint in fits for values in said(problem, u, joint)]
         told += [problem.channel.predict(u, model) for model in models]
-        return np.stack([u.recorded, problem.split.unit(u.windows), *told])[:, u.whole]
+        return np.stack([u.recorded, problem.split.unit(u.windows), u.windows.vehicle, *told])[:, u.whole]
 
-    none = np.zeros((2 + 2 * len(fits) + len(models), 0))
+    none = np.zeros((3 + 2 * len(fits) + len(models), 0))
     return np.concatenate([none, *(heard(u) for u in problem.held_out(units))], axis=1)
 
 

@@ -50,6 +50,8 @@ class Noise:
     robust: dict[tuple[int, float], NDArray[np.float32]] = field(default_factory=dict)
     levels: dict[tuple[int, float], NDArray[np.float32]] = field(default_factory=dict)
     """What the freest model says of the windows seen; noise grows with it."""
+    of_logger: dict[int, "Noise"] = field(default_factory=dict)
+    """That of each vehicle's kind of logger, where there are several."""
 
     def weight(self, unit: Unit) -> Floats:
         """Return the inverse variance of every window, (W,)."""
@@ -59,10 +61,10 @@ class Noise:
         """Return it without regard to outliers."""
         seconds = np.maximum(unit.windows.duration, 1e-6)
         level = np.abs(self.levels.get(unit.key, unit.level))
-        power = level / seconds
-        excess = unit.swing / np.interp(power, self.power, self.usual)
-        rate = np.interp(power, self.power, self.variance) * excess**self.exponent
-        return np.asarray(1.0 / (rate * seconds + (self.model_error * level) ** 2 + unit.noise))
+        power, own = level / seconds, self.of_logger.get(unit.key[0], self)
+        excess = unit.swing / np.interp(power, own.power, own.usual)
+        rate = np.interp(power, own.power, own.variance) * excess**own.exponent
+        return np.asarray(1.0 / (rate * seconds + (own.model_error * level) ** 2 + unit.noise))
 
 
 Table = tuple[Unit, Floats, Columns]  # A unit, its modelled quantity (W,), and columns (W, P)
@@ -130,7 +132,9 @@ class Problem:
             if isinstance(s, FieldSource) and s.term in model.fields and s.scope == model.when[s.term]:
                 stands[list(layout.at(s))] = self.channel.cells(s.physics).inverse @ model.fields[s.term]
         tables = ((unit, modelled - x @ stands, x) for unit, modelled, x in self._tables(model, layout))
-        return learn(tables, self.settings, self.channel.model_error, self.split.unit)
+        own, kinds = self.channel.own_error, self.channel.fleet.loggers
+        of_kind = [(kind, float(own[kind[0]])) for kind in kinds] if len(kinds) > 1 else []
+        return learn(tables, self.settings, self.channel.model_error, self.split.unit, of_kind)
 
     def sums(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Sums:
         """Return the products of the columns of base and hypotheses about a model, over training windows."""
@@ -156,8 +160,10 @@ class Problem:
 
 def learn(
     tables: Iterable[Table], settings: Settings, model_error: float, together: Callable[[Windows], Ints],
+    loggers: Sequence[tuple[Sequence[int], float]] = (),
 ) -> Noise:  # fmt: skip
-    """Measure the noise; windows held out ``together``, (W,), are the independent samples."""
+    """Measure the noise; windows held out ``together``, (W,), are the independent samples. ``loggers``, where
+    there are several kinds: the vehicles of each, and the model's error in them."""
     kept: list[Table] = []
     for table in tables:
         kept.append(table)
@@ -167,6 +173,13 @@ def learn(
     for _ in range(3):
         residual, levels = _left(kept, noise)
         noise = _classes(kept, residual, levels, model_error)
+        for vehicles, own in loggers:
+            mine = [one for one in zip(kept, residual, levels, strict=True) if one[0][0].key[0] in vehicles]
+            if sum(int(unit.whole.sum()) for (unit, _, _), _, _ in mine) >= ENOUGH:
+                of_kind = _classes(
+                    [k for k, _, _ in mine], [r for _, r, _ in mine], [s for _, _, s in mine], own
+                )
+                noise.of_logger |= dict.fromkeys(vehicles, of_kind)
         for (unit, _, _), r in zip(kept, residual, strict=True):
             z = np.abs(r) * np.sqrt(noise.plain(unit))
             noise.robust[unit.key] = np.minimum(1.0, HUBER / np.maximum(z, 1e-9)).astype(np.float32)
