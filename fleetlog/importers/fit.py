@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._rows import Records, finite
@@ -26,11 +26,6 @@ def sniff(path: Path, head: bytes) -> bool:
 
 class _Fit(Records):
     """One row a record with a position; a file that breaks off gives what is before."""
-
-    recognised: ClassVar = {
-        "position_lat, position_long": "position, WGS 84, from semicircles", "timestamp": "timestamp, UTC",
-        "enhanced_altitude": "z, from m", "enhanced_speed": "speed, from m/s",
-    }  # fmt: skip
 
     def records(self) -> Iterator[Any]:
         fitdecode = extra("fitdecode", "fit", "reading FIT needs fitdecode", self.path, FormatError)

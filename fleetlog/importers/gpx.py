@@ -21,7 +21,6 @@ class _Gpx(Elements):
     """The points of all tracks, in the order of the file."""
 
     wanted, passed = ("trkpt",), ("wpt", "rtept", "trkseg", "trk")
-    recognised: ClassVar = {"lat, lon": "position, WGS 84", "time": "timestamp, ISO 8601", "ele": "z, from m"}
     left_out: ClassVar = {"wpt": ("waypoint", _STILL), "rtept": ("route point", _STILL)}
 
     def __init__(self, path: Path, options: ReadOptions) -> None:

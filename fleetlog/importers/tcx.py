@@ -16,10 +16,6 @@ class _Tcx(Elements):
     """One row a trackpoint that has a position."""
 
     wanted, passed = ("Trackpoint",), ("Track",)
-    recognised: ClassVar = {
-        "Position": "position, WGS 84", "Time": "timestamp, ISO 8601", "AltitudeMeters": "z, from m",
-        "Speed": "speed, from m/s",
-    }  # fmt: skip
     left_out: ClassVar = {"still": ("trackpoint", "without a position left out")}
 
     def take(self, point: Any, number: int) -> None:

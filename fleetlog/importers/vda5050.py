@@ -8,7 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from fleetlog.core.words import count
 from fleetlog.importers._rows import NAN, Records, finite
@@ -42,13 +42,6 @@ class _Vda(Records):
     """Positions as rows, batteries as a channel. Keeps a vehicle's last load: visualization has none."""
 
     places, longest = (LOCAL, ()), 1 << 22
-    recognised: ClassVar = {
-        "agvPosition / mobileRobotPosition": "x, y from m, heading from rad",
-        "velocity": "speed, the length of vx, vy",
-        "loads": "payload, the sum of the weights in kg",
-        "batteryState / powerSupply": "soc from %, voltage, current (its sign from charging)",
-        "manufacturer, serialNumber": "vehicle_id",
-    }
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)
