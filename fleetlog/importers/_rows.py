@@ -24,7 +24,7 @@ LOOKED_FOR = 64  # Records between two looks whether a batch is full
 Row = dict[str, Any]  # Values by the names of columns; a string is a label
 REJECT_TEXT = 400  # Characters of a rejected record that are kept
 NAN = float("nan")
-RECOGNISED = tomllib.loads(Path(__file__).with_name("recognised.toml").read_text(encoding="utf-8"))
+RECOGNISED, NAMES = tomllib.loads(Path(__file__).with_name("formats.toml").read_text("utf-8")).values()
 LIMIT = 1 << 24  # Bytes between two elements of interest; beyond it is no log but an attack or a mistake
 AT_ONCE = 64  # Elements that wait to be dropped, and elements in one that may
 

@@ -9,11 +9,10 @@ from typing import Any, ClassVar
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
-from fleetlog.importers._rows import Elements, bare, finite, heading_of_course
+from fleetlog.importers._rows import NAMES, Elements, bare, finite, heading_of_course
 from fleetlog.importers.base import Importer, ReadOptions, holding
 
-_KEPT = {"ele": "z", "hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
-_KEPT |= {"course": "heading", "bearing": "heading"}
+_KEPT: dict[str, str] = NAMES["gpx"]
 _STILL = "left out: no motion"
 
 

@@ -3,13 +3,10 @@
 from typing import Any, ClassVar
 
 from fleetlog.core.words import count
-from fleetlog.importers._rows import Elements, bare, finite
+from fleetlog.importers._rows import NAMES, Elements, bare, finite
 from fleetlog.importers.base import Importer, holding
 
-_LEAVES = {
-    "LatitudeDegrees": "latitude", "LongitudeDegrees": "longitude", "AltitudeMeters": "z", "Speed": "speed",
-    "Watts": "watts", "DistanceMeters": "distance",
-}  # fmt: skip
+_LEAVES: dict[str, str] = NAMES["tcx"]
 
 
 class _Tcx(Elements):
