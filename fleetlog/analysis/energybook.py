@@ -1,8 +1,10 @@
 """Energy of whole trips in books: sums of every term by segment, stretch of road and zone; and as tables."""
 
 import itertools
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,20 +28,7 @@ STRETCH = 10.0  # Length of the stretches of road that are told apart [m]
 BIN = 60_000_000  # Step of the power ledger over time [us]
 Columns = dict[str, Any]
 KWH = 3.6e6
-SUMS = (
-    "seconds", "metres", "kilogram_metres", "returned", "traction", "braking", "loss", "measured",
-    "beside_measured", "charged", "raising", "motion_variance", "collapsed", "empty", "soc_used",
-)  # fmt: skip
-ENDS = {
-    "peak": "max", "lowest": "min", "start": "min", "end": "max", "soc_start": "first", "soc_end": "last",
-    "soc_after": "last",
-}  # fmt: skip
-"""Of several segments: which value is theirs."""
-SOURCES = {
-    "power": "the power channel", "voltage and current": "voltage times current",
-    "soc": "the change of the state of charge", "nothing": "",
-}  # fmt: skip
-"""Of measured energy, the best first, in words."""
+SUMS, ENDS, SOURCES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8")).values()
 
 
 @dataclass(frozen=True)

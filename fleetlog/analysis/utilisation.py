@@ -14,7 +14,9 @@ A simulation says so itself.  Of a recording it is read from motion, load, forks
 
 The intervals of a truck partition the time from its first to its last row."""
 
+import tomllib
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -30,17 +32,7 @@ from fleetlog.store import Dataset
 from fleetlog.store.events import read_table
 from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
 
-STATES = (
-    "driving_laden", "driving_empty", "driving", "handling", "waiting", "standing", "charging", "idle",
-    "no_data",
-)  # fmt: skip
-"""``driving``, and ``standing`` (handling or waiting), are of trucks whose log has neither load nor forks."""
-UNTOLD = {"driving": " (load unknown)", "standing": " (handling or waiting)"}
-OF_ACTIVITY = {
-    "drive_empty": "driving_empty", "drive_laden": "driving_laden", "wait": "waiting",
-    "wait_place": "waiting", "wait_charger": "waiting", "pick": "handling", "drop": "handling",
-    "charge": "charging", "park": "idle", "battery_empty": "idle",
-}  # fmt: skip
+STATES, UNTOLD, OF_ACTIVITY = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8")).values()
 REACH, REACH_WITHOUT_FORKS = 10.0, 30.0
 """Handling lasts this long before and after a movement of the forks or a change of the load at most [s]."""
 FORKS = 0.05  # The forks move when their height changes by more than this in a second [m]

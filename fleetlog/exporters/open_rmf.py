@@ -36,5 +36,5 @@ def _said(place: Place | None) -> dict[str, Any]:
     """What is said of a vertex; names are those of places, for robots are sent there by name."""
     if place is None:
         return {"name": ""}
-    mark = next(mark for mark, kind in MARKS if kind == place.kind)
+    mark = next(mark for mark, kind in MARKS.items() if kind == place.kind)
     return {"name": place.id, mark: True if mark.startswith("is_") else place.id}

@@ -1,6 +1,7 @@
 """Rows gathered one at a time into batches, and the small conversions that formats share."""
 
 import math
+import tomllib
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -23,6 +24,7 @@ LOOKED_FOR = 64  # Records between two looks whether a batch is full
 Row = dict[str, Any]  # Values by the names of columns; a string is a label
 REJECT_TEXT = 400  # Characters of a rejected record that are kept
 NAN = float("nan")
+RECOGNISED, NAMES = tomllib.loads(Path(__file__).with_name("formats.toml").read_text("utf-8")).values()
 LIMIT = 1 << 24  # Bytes between two elements of interest; beyond it is no log but an attack or a mistake
 AT_ONCE = 64  # Elements that wait to be dropped, and elements in one that may
 
@@ -109,7 +111,6 @@ class Records(ABC):
     places: ClassVar[tuple[tuple[str, ...], ...]] = (GEOGRAPHIC,)
     longest: ClassVar[int] = 4096  # Bytes of a line
     lacking: ClassVar[tuple[str, str]]  # What :meth:`nothing` says, unless a format overrides it
-    recognised: ClassVar[dict[str, str]] = {}
     left_out: ClassVar[dict[str, tuple[str, str]]] = {}  # Of the kinds in ``seen``: what they are, and why
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
@@ -134,7 +135,9 @@ class Records(ABC):
 
     def describe(self) -> None:
         """Tell the report what was recognised and left out."""
-        self.report.recognised |= self.recognised
+        since = " since the profile's origin" if self.origin else ""
+        known = RECOGNISED.get(self.report.format, {})
+        self.report.recognised |= {name: meaning.format(since=since) for name, meaning in known.items()}
         for kind, (noun, why) in self.left_out.items():
             self.report.tally(self.seen[kind], noun, why)
 

@@ -10,7 +10,6 @@ import struct
 from collections.abc import Iterator
 from io import BufferedReader
 from pathlib import Path
-from typing import ClassVar
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import Damaged, cut, packets
@@ -35,10 +34,6 @@ class _Carla(Records):
 
     places = (LOCAL,)
     lacking = "no vehicle's position in it", "record it with vehicles"
-    recognised: ClassVar = {
-        "position": "x, y, z from cm, y turned to the left, heading from degrees",
-        "actor": "vehicle_id: type and number",
-    }
 
     def records(self) -> Iterator[tuple[int, bytes]]:
         """Packets behind the header, which says the recording's date and map."""

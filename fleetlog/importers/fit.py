@@ -3,20 +3,17 @@
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._rows import Records, finite
+from fleetlog.importers._rows import NAMES, Records, finite
 from fleetlog.importers._units import microseconds
 from fleetlog.importers.base import Importer
 from fleetlog.registry import extra
 
 SEMICIRCLE = 180.0 / 2**31  # Degrees: FIT counts half turns in 2^31 steps
 PLACE = {"latitude": "position_lat", "longitude": "position_long"}
-NAMES = {
-    "enhanced_altitude": "z", "altitude": "z", "enhanced_speed": "speed", "speed": "speed", "power": "watts",
-    "temperature": "ambient_temperature", "distance": "distance",
-}  # fmt: skip
+_NAMES: dict[str, str] = NAMES["fit"]
 
 
 def sniff(path: Path, head: bytes) -> bool:
@@ -26,11 +23,6 @@ def sniff(path: Path, head: bytes) -> bool:
 
 class _Fit(Records):
     """One row a record with a position; a file that breaks off gives what is before."""
-
-    recognised: ClassVar = {
-        "position_lat, position_long": "position, WGS 84, from semicircles", "timestamp": "timestamp, UTC",
-        "enhanced_altitude": "z, from m", "enhanced_speed": "speed, from m/s",
-    }  # fmt: skip
 
     def records(self) -> Iterator[Any]:
         fitdecode = extra("fitdecode", "fit", "reading FIT needs fitdecode", self.path, FormatError)
@@ -48,7 +40,7 @@ class _Fit(Records):
         if not isinstance(stamp, datetime):
             self.rows.reject(number, "record without a time")
             return
-        values = {NAMES[n]: finite(given[n]) for n in reversed(NAMES) if n in given}
+        values = {_NAMES[n]: finite(given[n]) for n in reversed(_NAMES) if n in given}
         self.rows.add(self.vehicle, microseconds(stamp), number, {**place, **values})
 
     def nothing(self) -> tuple[str, str]:

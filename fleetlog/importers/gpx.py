@@ -9,11 +9,10 @@ from typing import Any, ClassVar
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
-from fleetlog.importers._rows import Elements, bare, finite, heading_of_course
+from fleetlog.importers._rows import NAMES, Elements, bare, finite, heading_of_course
 from fleetlog.importers.base import Importer, ReadOptions, holding
 
-_KEPT = {"ele": "z", "hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
-_KEPT |= {"course": "heading", "bearing": "heading"}
+_KEPT: dict[str, str] = NAMES["gpx"]
 _STILL = "left out: no motion"
 
 
@@ -21,7 +20,6 @@ class _Gpx(Elements):
     """The points of all tracks, in the order of the file."""
 
     wanted, passed = ("trkpt",), ("wpt", "rtept", "trkseg", "trk")
-    recognised: ClassVar = {"lat, lon": "position, WGS 84", "time": "timestamp, ISO 8601", "ele": "z, from m"}
     left_out: ClassVar = {"wpt": ("waypoint", _STILL), "rtept": ("route point", _STILL)}
 
     def __init__(self, path: Path, options: ReadOptions) -> None:

@@ -48,10 +48,5 @@ class _Kitti(Records):
         values = {"x": pose[3], "y": pose[7], "z": pose[11], "heading": math.atan2(pose[4], pose[0])}
         self.rows.add(self.vehicle, time, number, values)
 
-    def describe(self) -> None:
-        since = " since the profile's origin" if self.origin else ""
-        self.report.recognised["pose"] = "x, y, z from m, heading, the yaw of the rotation"
-        self.report.recognised[TIMES] = f"timestamp, from s{since}"
-
 
 IMPORTER = Importer("kitti", (".txt", ".kitti"), partial(mostly, _pose), _Kitti.batches, rank=5)

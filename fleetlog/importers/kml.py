@@ -13,7 +13,6 @@ class _Kml(Elements):
     """One row a moment of a track, or a placemark with a time; records count each kind."""
 
     wanted, passed = ("Track", "Placemark"), ("LineString",)
-    recognised: ClassVar = {"gx:coord, coordinates": "WGS 84 position, z in m", "when": "timestamp, ISO 8601"}
     left_out: ClassVar = {"LineString": ("line", "without times left out")}
 
     def take(self, element: Any, _: int) -> None:

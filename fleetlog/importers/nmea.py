@@ -20,7 +20,7 @@ from pynmeagps import NMEA_PAYLOADS_GET, NMEAMessage, calc_checksum
 
 from fleetlog.core.arrays import DAY
 from fleetlog.core.words import count
-from fleetlog.importers._rows import Records, heading_of_course
+from fleetlog.importers._rows import NAMES, Records, heading_of_course
 from fleetlog.importers.base import Importer
 
 WAITING = 1 << 18  # Fixes that may wait for the first date
@@ -34,10 +34,7 @@ _EPOCH = date(1970, 1, 1).toordinal()
 RANKS = {"GGA": 4, "GNS": 3, "RMC": 2, "GLL": 1, "VTG": 0, "ZDA": 0}  # The trust in a sentence's position
 _STATES = {"GGA": "quality", "GNS": "posMode", "RMC": "status", "GLL": "status"}
 _MOMENT = {"time", "date", "year", "month", "day"}
-_COLUMNS = {
-    "lat": "latitude", "lon": "longitude", "alt": "z", "spd": "speed", "sogn": "speed", "cog": "heading",
-    "cogt": "heading", "quality": "gps_quality", "numSV": "satellites", "HDOP": "hdop",
-}  # fmt: skip
+_COLUMNS: dict[str, str] = NAMES["nmea"]
 # By pynmeagps' type of a cell: it takes a time of five figures and -958.1 as well.
 _SHAPES = {
     "TM": re.compile(r"\d{6}(\.\d+)?"), "LA": re.compile(r"\d\d+[0-5]\d\.\d*"),

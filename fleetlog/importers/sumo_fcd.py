@@ -7,7 +7,7 @@ epoch that the file names (fleetlog's exporter writes it) or at 1970."""
 import re
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from fleetlog.importers._open import HEAD, head_of
 from fleetlog.importers._rows import Elements, finite, heading_of_course
@@ -24,10 +24,6 @@ class _Fcd(Elements):
     places = (LOCAL, GEOGRAPHIC)
     wanted, passed = ("vehicle",), ("person", "timestep")
     lacking = "no vehicle with a position in it", "write it with --fcd-output"
-    recognised: ClassVar = {
-        "x, y": "position", "time": "timestamp, from s",
-        "angle": "heading, from degrees clockwise from north",
-    }  # fmt: skip
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)

@@ -3,23 +3,16 @@
 from typing import Any, ClassVar
 
 from fleetlog.core.words import count
-from fleetlog.importers._rows import Elements, bare, finite
+from fleetlog.importers._rows import NAMES, Elements, bare, finite
 from fleetlog.importers.base import Importer, holding
 
-_LEAVES = {
-    "LatitudeDegrees": "latitude", "LongitudeDegrees": "longitude", "AltitudeMeters": "z", "Speed": "speed",
-    "Watts": "watts", "DistanceMeters": "distance",
-}  # fmt: skip
+_LEAVES: dict[str, str] = NAMES["tcx"]
 
 
 class _Tcx(Elements):
     """One row a trackpoint that has a position."""
 
     wanted, passed = ("Trackpoint",), ("Track",)
-    recognised: ClassVar = {
-        "Position": "position, WGS 84", "Time": "timestamp, ISO 8601", "AltitudeMeters": "z, from m",
-        "Speed": "speed, from m/s",
-    }  # fmt: skip
     left_out: ClassVar = {"still": ("trackpoint", "without a position left out")}
 
     def take(self, point: Any, number: int) -> None:

@@ -32,12 +32,5 @@ class _Tum(Records):
         seconds = Decimal(line.replace(b",", b" ").split()[0].decode())
         self.rows.add(self.vehicle, self.origin + int(seconds * 1_000_000), number, values)
 
-    def describe(self) -> None:
-        since = " since the profile's origin" if self.origin else ""
-        self.report.recognised |= {
-            "timestamp": f"timestamp, from s{since}", "x y z": "position in the site frame, from m",
-            "qx qy qz qw": "heading, the yaw of the quaternion",
-        }  # fmt: skip
-
 
 IMPORTER = Importer("tum", (".tum", ".txt"), partial(mostly, _pose), _Tum.batches, rank=5)

@@ -8,10 +8,10 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from fleetlog.core.words import count
-from fleetlog.importers._rows import NAN, Records, finite
+from fleetlog.importers._rows import NAMES, NAN, Records, finite
 from fleetlog.importers._units import iso_time
 from fleetlog.importers.base import LOCAL, Importer, ReadOptions
 from fleetlog.importers.geojson import features
@@ -20,15 +20,8 @@ Message = dict[str, Any]
 MOST = 1e300  # A sum of weights beyond what a float holds is far beyond any load, and refused as that
 # without quotation marks: a wrapped payload may be a string, with its marks escaped
 _MARKS = (b"serialNumber", b"agvPosition", b"mobileRobotPosition", b"batteryState", b"powerSupply")
-_KINDS = {
-    "connectionState": "connection", "nodes": "order", "actions": "instantActions",
-    "typeSpecification": "factsheet", "driving": "state without position",
-}  # fmt: skip
-_FACTS = {
-    "seriesName": "", "maxLoadMass": " kg", "maximumLoadMass": " kg", "speedMax": " m/s",
-    "maximumSpeed": " m/s", "accelerationMax": " m/s2", "maximumAcceleration": " m/s2",
-}  # fmt: skip
-"""What is told of a factsheet, in the names of versions 2 and 3, and its unit."""
+_KINDS: dict[str, str] = NAMES["vda5050"]
+_FACTS: dict[str, str] = NAMES["factsheet"]
 
 
 def sniff(path: Path, head: bytes) -> bool:
@@ -42,13 +35,6 @@ class _Vda(Records):
     """Positions as rows, batteries as a channel. Keeps a vehicle's last load: visualization has none."""
 
     places, longest = (LOCAL, ()), 1 << 22
-    recognised: ClassVar = {
-        "agvPosition / mobileRobotPosition": "x, y from m, heading from rad",
-        "velocity": "speed, the length of vx, vy",
-        "loads": "payload, the sum of the weights in kg",
-        "batteryState / powerSupply": "soc from %, voltage, current (its sign from charging)",
-        "manufacturer, serialNumber": "vehicle_id",
-    }
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)

@@ -1,5 +1,6 @@
 """What an import did, as figures and as lines for a person."""
 
+import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -14,22 +15,7 @@ from fleetlog.ingest.rows import Rejects
 from fleetlog.store.trips import Columns, contents_of, trips_of
 
 MOST_PACES = 50
-DERIVED = {
-    "x": [f"position{are} placed between the fixes before and after" for are in (" is", "s are")],
-    **{n: [f"{n}{come} from the positions" for come in (" comes", "s come")] for n in ("speed", "heading")},
-    "battery_power": ["power is voltage times current", "powers are voltage times current"],
-}  # fmt: skip
-"""Columns of which values that a log does not have are made from others, and how: one, many."""
-NOTES = {
-    "stuck": "{:,} values of speed, power or current are not taken: their sensor was stuck",
-    "held": "{:,} rows repeat a position while the truck moves: placed between the fixes by the distance "
-    "driven",
-    "pace": "the speed is about {:.2f} times that of the positions, as if it were in {}: check its unit",
-    "other_frame": "{:,} rows have latitude and longitude, and x, y of another frame: these are kept as "
-    "x_log, y_log",
-    "kept": "the edges of {:,} rows are those that the log has",
-}
-"""What a person should know of the sensors, by the counts of an :class:`Outcome`, and of their ``pace``."""
+DERIVED, NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text("utf-8")).values()
 
 
 @dataclass

@@ -27,10 +27,8 @@ from fleetlog.store.output import MARK
 Figures = dict[str, Any]
 LISTED = 30  # Entries of a list that are shown
 WIDTH, ROWS, MOST = 100, 12, 40  # Letters of a line; rows of a table that are shown, letters of a cell
-UNITS = {
-    "wh_per_km": "kWh/km", "m_s": "m/s", "kwh": "kWh", "w": "W", "wh": "Wh", "m": "m", "s": "s", "km": "km",
-    "kg": "kg",
-}  # fmt: skip
+UNITS = {"wh_per_km": "kWh/km", "m_s": "m/s", "kwh": "kWh", "w": "W", "wh": "Wh"}
+UNITS |= {unit: unit for unit in ("m", "s", "km", "kg")}
 
 
 @verb()

@@ -15,14 +15,10 @@ from fleetlog.view.stream import TIMELINE, Stream
 FIELD_OF_VIEW = np.radians(55.0)  # Of the viewer's eye, in height
 ASPECT = 1.9  # Width by height of a view of the floor in a window of 16:9
 LONG, WINDOW = 900.0, (-240.0, 60.0)  # From this duration on plots show a window about the cursor [s]
-COLUMN, FRAME, NAME = (
-    815.0,
-    90.0,
-    23.0,
-)  # Height of all plots, of one but its legend, of a name there [points]
-MOST = (
-    2.5  # Shares of a plot that is high for its legend; where that is not enough, names stand at the trucks
-)
+# Height of all plots, of one but its legend, of a name there [points].
+COLUMN, FRAME, NAME = 815.0, 90.0, 23.0
+# Shares of a plot that is high for its legend; where that is not enough, names stand at the trucks.
+MOST = 2.5
 PLOT, LEGEND, LETTER = 583.0, 58.0, 5.4  # Width of a plot, a legend without its words, a letter [points]
 CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "State of charge [%]"}
 TRAIL = 40.0  # Of the way behind a truck so much is shown [s]

@@ -33,9 +33,7 @@ def frame_map(result: Result, site: Site) -> Extent:
 
 def draw_site(axes: Axes, site: Site) -> None:
     """Buildings as pale areas, the rims of zones, roads as grey lines."""
-    slow, other = (
-        [z for z in site.zones if np.isfinite(z.speed_limit) == limited] for limited in (True, False)
-    )
+    slow, other = ([z for z in site.zones if np.isfinite(z.speed_limit) == yes] for yes in (True, False))
     kinds: Any = ((site.buildings, "#c9cdd3", "-"), (other, "#6f79b5", "--"), (slow, "#b98a2f", "--"))
     for (areas, rim, line), name in zip(kinds, AREAS, strict=True):
         look: Any = {"facecolors": BUILDING if line == "-" else "none", "edgecolors": rim, "lw": 0.8}

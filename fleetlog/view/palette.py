@@ -22,17 +22,10 @@ Colour = tuple[int, int, int]
 
 _TABLE = tomllib.loads(Path(__file__).with_name("colours.toml").read_text(encoding="utf-8"))
 _VEHICLES: list[Colour] = [(r, g, b) for r, g, b in _TABLE.pop("vehicles")]
-PLACES, ACTIVITIES, NAMED, MARKS, RINGS = ({k: (*c,) for k, c in part.items()} for part in _TABLE.values())
-SOC_GOOD, SOC_LOW, SOC_EMPTY = (64, 196, 99), (245, 195, 50), (232, 65, 60)
-
-ROAD, ROAD_EDGE, ARROW = (66, 74, 88), (120, 132, 150), (168, 180, 198)
-ONE_WAY = (64, 86, 108)
-BUILDING, BUILDING_EDGE = (150, 160, 178), (150, 160, 178)
-COVERED, LIMITED = (120, 130, 190), (220, 170, 70)
-CHARGING, RESERVED, WAITING = (110, 245, 140), (255, 176, 66), (132, 138, 150)
-STAGES = {"waiting": WAITING, "being fetched": (62, 116, 158), "on the forks": (86, 180, 233)}
-CRITICAL, CALM = (232, 65, 60), (130, 190, 220)
-RECORDED, SIMULATED = (230, 159, 0), (86, 180, 233)
+_PARTS = ({name: (*colour,) for name, colour in part.items()} for part in _TABLE.values())
+PLACES, ACTIVITIES, NAMED, MARKS, RINGS, _SITE, _FLEET, STAGES = _PARTS
+ROAD, ROAD_EDGE, ARROW, ONE_WAY, BUILDING, COVERED, LIMITED = _SITE.values()
+CHARGING, RESERVED, WAITING, CRITICAL, CALM, RECORDED, SIMULATED, *_SOC = _FLEET.values()
 
 # Colour-blind safe; low is pale on paper, dark on the viewer's ground; zero between signs is grey or white.
 PAPER, SCREEN, DIVERGING = "magma_r", "inferno", "RdBu_r"
@@ -64,7 +57,7 @@ def shade(colour: Colour, number: int) -> Colour:
 
 def soc_colours(soc: NDArray[Any]) -> NDArray[np.uint8]:
     """(N, 3) of states of charge (share): to 20 % red, to 50 % yellow, above green; grey where unknown."""
-    colours = np.array([SOC_EMPTY, SOC_LOW, SOC_GOOD, (150, 150, 150)], np.uint8)
+    colours = np.array([*_SOC, (150, 150, 150)], np.uint8)
     return np.asarray(colours[np.digitize(soc, [0.2, 0.5, np.inf], right=True)])
 
 

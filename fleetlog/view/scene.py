@@ -49,7 +49,7 @@ def log_site(stream: Stream, site: Site) -> None:
         posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
         foot, top = (ribbons.outline(outline, z) for z in (0.0, height))
         for part, lines in {"outlines": [foot], "frames": [top, *posts]}.items():
-            strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=ui_points(0.7))
+            strips = rr.LineStrips3D(lines, colors=[palette.BUILDING], radii=ui_points(0.7))
             stream.static(entity("site", "buildings", part, building.id), strips)
     for zone in site.zones:
         colour = palette.COVERED if zone.covered else palette.LIMITED

@@ -1,6 +1,7 @@
 """What a map format gives: the type of a reader and of what it reads."""
 
 import re
+import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,6 +20,7 @@ from fleetlog.errors import SiteError
 
 MPH, KNOT, KMH = 0.44704, 1852.0 / 3600.0, 1.0 / 3.6
 SPEED_UNITS: dict[str, float] = {"m/s": 1.0, "km/h": KMH, "kmh": KMH, "kph": KMH, "mph": MPH, "knots": KNOT}
+WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 HUGE = 1e9  # no coordinate, coefficient or count of a map is larger
 MOST_VERTICES = 20_000_000  # vertices of all roads of a map
 

@@ -19,13 +19,11 @@ from fleetlog.core.site import MapFrame, PlaceKind
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
 from fleetlog.roads.formats._odr_geometry import sample
-from fleetlog.roads.formats.base import MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
+from fleetlog.roads.formats.base import WORDS, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
 
 Item = dict[str, Any]
 
-KINDS: tuple[tuple[str, PlaceKind], ...] = (
-    ("startCharging", "charge"), ("pick", "pick"), ("drop", "drop"), ("park", "park"),
-)  # fmt: skip
+KINDS: dict[str, PlaceKind] = WORDS["kinds"]["lif"]
 CHORD = 0.01  # largest distance [m] of a trajectory from its polyline
 LEAST, APART = 1e-6, 1e-9  # smallest weight of a control point; distance of two knots, as a share of all
 
@@ -64,7 +62,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
         # ``actions``, or ``requiredActions`` and ``feasibleActions``
         said = [(p, key) for n in served for p in kinds[n] for key in p if key.lower().endswith("actions")]
         actions = {str(action.get("actionType")) for p, key in said for action in _list(p, key)}
-        kind = next((kind for action, kind in KINDS if action in actions), None)
+        kind = next((kind for action, kind in KINDS.items() if action in actions), None)
         tally.stop(str(station.get("stationId")), kind, spots[served[0]] if served else np.zeros(2))
     nothing, do = f"no road in it; edges read: {tally.read}", "export the layout with its edges"
     # Turning round on the spot is left out wherever another edge leads on.

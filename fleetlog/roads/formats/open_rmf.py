@@ -19,14 +19,11 @@ from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.core.schema import Wrong
 from fleetlog.core.site import Inverse, PlaceKind, crs, geographic
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import WORDS, MapOptions, Reader, RoadMap, Tally, at, number
 
 Level = dict[str, Any]
 
-MARKS: tuple[tuple[str, PlaceKind], ...] = (
-    ("is_charger", "charge"), ("pickup_dispenser", "pick"), ("dropoff_ingestor", "drop"),
-    ("is_parking_spot", "park"),
-)  # fmt: skip
+MARKS: dict[str, PlaceKind] = WORDS["kinds"]["open-rmf"]
 
 
 def _read(path: Path, options: MapOptions) -> RoadMap:
@@ -49,7 +46,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
         _add_lanes(level, spots, front, tally, 1e-8 if system == "wgs84" else 1e-3)
         for k, row in enumerate(rows):
             said = {"name": row[3], **_options(row)} if len(row) > 3 else _options(row)
-            if kind := next((kind for mark, kind in MARKS if said.get(mark)), None):
+            if kind := next((kind for mark, kind in MARKS.items() if said.get(mark)), None):
                 tally.stop(f"{front}{said.get('name') or k}", kind, spots[k])
     earth = _earth(top, tally.edges) if system == "cartesian_meters" else None
     return tally.road_map(

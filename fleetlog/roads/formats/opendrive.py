@@ -21,12 +21,9 @@ from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, connect, parse_road
-from fleetlog.roads.formats.base import HUGE, MapOptions, Reader, RoadMap, Tally, at, number
+from fleetlog.roads.formats.base import HUGE, WORDS, MapOptions, Reader, RoadMap, Tally, at, number
 
-DRIVEN = frozenset({
-    "driving", "bidirectional", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane",
-    "mwyEntry", "mwyExit",
-})  # fmt: skip
+DRIVEN = frozenset(WORDS["driven"]["opendrive"].split())
 """Lane types that are driven unless the user says otherwise."""
 CHORD = 0.005  # largest distance [m] of a lane's centre line from its polyline
 THIN = 0.05  # a lane that is nowhere wider than this [m] is not there

@@ -15,13 +15,10 @@ from fleetlog.core.arrays import Floats
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.core.site import PlaceKind
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
+from fleetlog.roads.formats.base import WORDS, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
 
 MILLI = 1e-3
-WORDS: tuple[tuple[str, PlaceKind], ...] = (
-    ("charg", "charge"), ("unload", "drop"), ("drop", "drop"), ("put", "drop"), ("load", "pick"),
-    ("pick", "pick"), ("fetch", "pick"), ("park", "park"),
-)  # fmt: skip
+OPENINGS: dict[str, PlaceKind] = WORDS["kinds"]["opentcs"]
 """Openings of the names of operations; the first that fits counts."""
 
 
@@ -62,7 +59,7 @@ def _spot(element: Element) -> Floats:
 def _kind(elements: list[Element]) -> PlaceKind | None:
     """What is done, by the operations that elements allow."""
     names = [str(o.get("name", "")).lower() for e in elements for o in e.iterfind("allowedOperation")]
-    return next((kind for word, kind in WORDS if any(n.startswith(word) for n in names)), None)
+    return next((kind for word, kind in OPENINGS.items() if any(n.startswith(word) for n in names)), None)
 
 
 READER = Reader("openTCS", (".xml",), r"<model\b.*<(point |path |vehicle)", _read)

@@ -22,17 +22,13 @@ from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.errors import SiteError
 from fleetlog.registry import extra
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import KMH, SPEED_UNITS, MapOptions, Reader, RoadMap, Tally, spot
+from fleetlog.roads.formats.base import KMH, SPEED_UNITS, WORDS, MapOptions, Reader, RoadMap, Tally, spot
 
 Tags = dict[str, str]
 Spots = dict[str, Floats]
 Way = tuple[str, list[str], Tags]  # Id, nodes and tags
 
-DRIVEN = frozenset({
-    "motorway", "motorway_link", "trunk", "trunk_link", "primary", "primary_link", "secondary",
-    "secondary_link", "tertiary", "tertiary_link", "unclassified", "residential", "living_street", "service",
-    "road",
-})  # fmt: skip
+DRIVEN = frozenset(WORDS["driven"]["osm"].split())
 """Classes that are driven unless the user says otherwise."""
 ALIVE = "[not(@visible = 'false' or @action = 'delete')]"  # What an editor has not deleted
 
