@@ -66,8 +66,8 @@ def test_what_is_more_than_chance_but_moves_too_little_is_no_finding_and_is_said
     )  # fmt: skip
     d = diagnose(Dataset(tmp_path / "day"), TRUCK, channels=("battery_power",))
     assert (d.verdict.word, d.verdict.findings) == ("none", [])
-    said = [n for n in d.verdict.notes if "more than chance" in n]
-    assert len(said) == 1 and re.match(r"battery_power: copper_loss .* only 1\.\d % .* begin at 2 %", said[0])
+    said = [n for n in d.verdict.notes if "significant but small" in n]
+    assert len(said) == 1 and re.match(r"battery_power: copper_loss .*: 1\.\d % .* begin at 2 %", said[0])
 
 
 def told(d: Diagnosis) -> list[tuple[object, ...]]:

@@ -50,6 +50,8 @@ class Noise:
     robust: dict[tuple[int, float], NDArray[np.float32]] = field(default_factory=dict)
     levels: dict[tuple[int, float], NDArray[np.float32]] = field(default_factory=dict)
     """What the freest model says of the windows seen; noise grows with it."""
+    apart: bool = False
+    """Whether windows have their known noise each by itself, as waits are, and not alike in a trip."""
     of_logger: dict[int, "Noise"] = field(default_factory=dict)
     """That of each vehicle's kind of logger, where there are several."""
 
@@ -64,7 +66,8 @@ class Noise:
         power, own = level / seconds, self.of_logger.get(unit.key[0], self)
         excess = unit.swing / np.interp(power, own.power, own.usual)
         rate = np.interp(power, own.power, own.variance) * excess**own.exponent
-        return np.asarray(1.0 / (rate * seconds + (own.model_error * level) ** 2 + unit.noise))
+        known = unit.noise / (self.design if self.apart else 1.0)
+        return np.asarray(1.0 / (rate * seconds + (own.model_error * level) ** 2 + known))
 
 
 Table = tuple[Unit, Floats, Columns]  # A unit, its modelled quantity (W,), and columns (W, P)
@@ -134,7 +137,8 @@ class Problem:
         tables = ((unit, modelled - x @ stands, x) for unit, modelled, x in self._tables(model, layout))
         own, kinds = self.channel.own_error, self.channel.fleet.loggers
         of_kind = [(kind, float(own[kind[0]])) for kind in kinds] if len(kinds) > 1 else []
-        return learn(tables, self.settings, self.channel.model_error, self.split.unit, of_kind)
+        noise = learn(tables, self.settings, self.channel.model_error, self.split.unit, of_kind)
+        return replace(noise, apart=not self.channel.bends)
 
     def sums(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Sums:
         """Return the products of the columns of base and hypotheses about a model, over training windows."""
