@@ -107,7 +107,7 @@ def test_a_load_that_comes_and_goes_is_not_all_explained(shared_data: Path) -> N
     assert load["term"] == "auxiliary_load" and lasts["term"] == "unknown" and lasts["depends_on"] == ["time"]
     added = next(p for p in load["parameters"] if p["name"] == "added_power")
     assert added["low"] <= 200.0 <= added["high"]
-    assert lasts["statement"].startswith("At rest, power differs from the model for a time")
+    assert lasts["statement"].startswith("A consumer that no column shows goes on and off")
 
 
 def test_power_that_follows_the_load_at_rest_and_in_motion_is_told_by_it(shared_data: Path) -> None:
