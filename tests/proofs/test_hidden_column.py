@@ -126,7 +126,10 @@ def test_what_is_too_short_is_not_judged(diagnosed: Diagnosed, name: str) -> Non
 @pytest.mark.parametrize("name", ["tripviewer-uneven", "twizy-uneven", "twizy-fifth"])
 def test_slopes_are_found_in_poorer_logs(diagnosed: Diagnosed, name: str) -> None:
     d, log = diagnosed(name)
-    assert {f.term for f in d.verdict.findings} == {"grade", "unknown"}
+    # Some trips differ beside slopes: a finding, or a note where the trips held out do not show it.
+    found = {f.term for f in d.verdict.findings}
+    unseen = any("the trips held out do not show it" in n for n in d.verdict.notes)
+    assert found == {"grade", "unknown"} or (found == {"grade"} and unseen)
     against = judged(d, log)
     assert against["correlation"] > 0.8
     assert against["in_interval"] > 0.9
