@@ -18,6 +18,7 @@ Values = Mapping[str, float | Floats]
 Function = Callable[[Motion, Truck, Values], Floats]
 
 GRAVITY = 9.81  # Standard acceleration of free fall, rounded as the nominal model states it [m/s2]
+ALIKE = 0.5  # Trucks of a fleet differ by this share of the tolerance of the truck file
 AIR_DENSITY = 1.2  # Of the air at 20 degC and 1013 hPa, rounded as the nominal model states it [kg/m3]
 
 
@@ -34,6 +35,7 @@ class Parameter:
     tolerance: float = 0.0
     """How far a truck file or a logger may be off without being wrong (95 %): a share of the truck's value,
     or in the parameter's unit where there is none.  0: any deviation is a finding."""
+    between: float = 0.0  # The same of one vehicle beside the others of its fleet, where it is more than half
     inverse: bool = False  # The model is linear in the inverse of the number, as in that of an efficiency
     shape: bool = False
     """It only gives the effect its shape (a threshold); it is scanned, and has no effect by itself."""
@@ -50,9 +52,10 @@ class Parameter:
         """Return the value in the nominal model."""
         return truck.value(self.truck_key) if self.truck_key else self.neutral
 
-    def allowance(self, truck: Truck) -> float:
-        """Return the tolerance in the parameter's unit."""
-        return self.tolerance * (abs(truck.value(self.truck_key)) if self.truck_key else 1.0)
+    def allowance(self, truck: Truck, between: bool = False) -> float:
+        """Return the tolerance in the parameter's unit, or how far one vehicle may be from its fleet."""
+        share = max(self.between, ALIKE * self.tolerance) if between else self.tolerance
+        return share * (abs(truck.value(self.truck_key)) if self.truck_key else 1.0)
 
     def scaled(self, value: float) -> float:
         """Return the coordinate in which the model is linear."""

@@ -217,7 +217,8 @@ class TravelChannel(Channel):
         place = self.waits.at(path)
         noise, here = np.zeros(len(recorded)), self.waits.here[place]
         np.maximum.at(noise, path.of, np.where(here, self.waits.scatter[place], 0.0))
-        driven = self.turns.along(path.s, path.motion.edge, path.motion.curvature, path.inside)
+        m, back = path.motion, self.roads.network.reverse
+        driven = self.turns.along(path.s, m.edge, m.curvature, path.inside, back)
         share = path.passages(place, self.waits.size)[2] * here
         apart = path.apart & (path.summed(here.astype(float)) > 0.0) & path.alone(place)
         path = replace(path, motion=path.motion.replaced(curvature=driven), share=share, apart=apart)

@@ -54,20 +54,24 @@ class Turn:
 
 @dataclass(frozen=True)
 class Turns:
-    """Ways over junctions, and the lateral acceleration at which their speeds are those driven [m/s2]."""
+    """Ways over junctions, and the lateral acceleration at which their speeds are those driven [m/s2]; how
+    trucks turn ``back`` on their road where nothing is known of the way, None where they were not seen to."""
 
     by_way: dict[Way, Turn]
     lateral: float
+    back: Turn | None = None
 
-    def along(self, s: Floats, edge: Index, curvature: Floats, inside: Mask) -> Floats:
+    def along(self, s: Floats, edge: Index, curvature: Floats, inside: Mask, reverse: Index) -> Floats:
         """Return the (N,) curvature of legs laid end to end with that of their turns by their speed; ``s``
-        [m] and ``edge`` of every node, ``inside`` whether the one before it is of the same leg."""
+        [m] and ``edge`` of every node, ``inside`` whether the one before it is of the same leg; ``reverse``
+        (E,) the edge that leads back, -1 where there is none."""
         if not self.by_way:
             return curvature
         out, begin = curvature.copy(), np.flatnonzero(~inside)
         ends, known = np.append(begin[1:], len(s)), []
         for i in np.flatnonzero((np.diff(edge) != 0) & inside[1:]).tolist():
-            if (turn := self.by_way.get((int(edge[i]), int(edge[i + 1])))) is not None:
+            back = self.back if reverse[edge[i]] == edge[i + 1] else None
+            if (turn := self.by_way.get((int(edge[i]), int(edge[i + 1])), back)) is not None:
                 k = int(np.searchsorted(begin, i, side="right")) - 1
                 known.append((s[i], turn, slice(begin[k], ends[k])))
         for place, _, leg in known:
@@ -114,7 +118,9 @@ def measure(found: Iterable[tuple[Way, Pass]], truck: Truck) -> Turns:
         return Turns({}, 0.0)
     nominal = truck.drive.max_lateral_acceleration
     level = float(np.median([t.speed**2 for t in bends])) / truck.chassis.turn_radius
-    return Turns(known, level if level < ALIKE * nominal else nominal)
+    backs = [t for t in known.values() if abs(t.angle) > BACK]
+    back = sorted(backs, key=lambda t: t.speed)[len(backs) // 2] if backs else None
+    return Turns(known, level if level < ALIKE * nominal else nominal, back)
 
 
 def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> Pass | None:
@@ -170,8 +176,28 @@ def _turn(passes: list[Pass], truck: Truck) -> Turn:
     variance = float(weight @ (at - middle) ** 2) - blur
     length = float(np.clip(np.sqrt(12.0 * max(variance, 0.0)), SHORTEST, 1.5 * REACH))
     speed = _speed(passes, middle, max(0.5 * length, 2.0))
-    bend = middle, max(0.5 * length, 0.3), speed
+    bend = _slowest(driven, truck, (middle, max(0.5 * length, 0.3), speed))
     return Turn(angle, length, speed, free, curvature, (bend, *_dip(driven, truck, (bend,))))
+
+
+def _slowest(driven: Floats, truck: Truck, bend: Slow) -> Slow:
+    """The part of a bend on which trucks are as slow as in it, by the speeds driven: a truck that turns back
+    is that for a moment."""
+    middle, half, speed = bend
+    inner = [float(at) for at in PLACES if abs(at - middle) < half]
+    tried = [bend, *((at, h, speed) for h in HALVES if h < half for at in inner)]
+    fastest = np.nanmax(driven, initial=speed)
+    missed = [np.nansum((1.0 / np.minimum(_beside(t, truck), fastest) - 1.0 / driven) ** 2) for t in tried]
+    return tried[int(np.argmin(missed))]
+
+
+def _beside(one: Slow, truck: Truck) -> Floats:
+    """The fastest drive, (K,) [m/s], at all places beside one that is slow."""
+    middle, half, speed = one
+    apart = np.maximum(np.abs(PLACES - middle) - half, 0.0)
+    drive = truck.drive
+    rate = np.where(middle > PLACES, drive.max_deceleration, drive.max_acceleration)
+    return np.asarray(np.sqrt(speed**2 + 2.0 * rate * apart))
 
 
 def _dip(driven: Floats, truck: Truck, bends: tuple[Slow, ...]) -> tuple[Slow, ...]:
@@ -180,20 +206,12 @@ def _dip(driven: Floats, truck: Truck, bends: tuple[Slow, ...]) -> tuple[Slow, .
     before, behind = driven[PLACES <= -CENTRE], driven[PLACES >= CENTRE]
     if not (np.isfinite(before).any() and np.isfinite(behind).any()):
         return ()
-    drive = truck.drive
-
-    def beside(one: Slow) -> Floats:
-        middle, half, speed = one
-        apart = np.maximum(np.abs(PLACES - middle) - half, 0.0)
-        rate = np.where(middle > PLACES, drive.max_deceleration, drive.max_acceleration)
-        return np.asarray(np.sqrt(speed**2 + 2.0 * rate * apart))
-
     roads = (-BEFORE, BEFORE, float(np.nanmax(before))), (BEFORE, BEFORE, float(np.nanmax(behind)))
-    known = np.min([beside(one) for one in (*roads, *bends)], axis=0)
+    known = np.min([_beside(one, truck) for one in (*roads, *bends)], axis=0)
     inner = (np.abs(PLACES) <= BEHIND) & (min([b[0] - b[1] for b in bends], default=CENTRE) > PLACES)
     slow = np.flatnonzero(inner & (driven < DIP * known))
     tried = [(float(PLACES[k]), half, float(driven[k])) for k in slow for half in HALVES]
-    missed = [np.nansum((1.0 / np.minimum(known, beside(one)) - 1.0 / driven) ** 2) for one in tried]
+    missed = [np.nansum((1.0 / np.minimum(known, _beside(one, truck)) - 1.0 / driven) ** 2) for one in tried]
     return (tried[int(np.argmin(missed))],) if tried else ()
 
 

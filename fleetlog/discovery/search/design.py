@@ -17,7 +17,6 @@ from fleetlog.discovery.model import Knob, Model, Scope
 from fleetlog.discovery.search.ridge import Normal, Prior, Sums, inverse, stiff
 
 CERTAIN = 2.0  # A tolerance is stated at this many standard deviations
-ALIKE = 0.5  # Trucks of a fleet differ by this share of the tolerance of the truck file
 
 
 @dataclass(frozen=True)
@@ -116,9 +115,9 @@ def make_design(channel: Channel, layout: Layout, model: Model, chosen: Sequence
 def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> Atom:
     p = knob.definition
     zero = channel.base.coordinate(knob.fleet)
-    width = abs(p.scaled(p.value_of(zero) + p.allowance(channel.fleet.truck)) - zero)
-    if not knob.scope.whole:
-        zero, width = 0.0, ALIKE * width
+    allowed = p.allowance(channel.fleet.truck, not knob.scope.whole)
+    width = abs(p.scaled(p.value_of(zero) + allowed) - zero)
+    zero = zero if knob.scope.whole else 0.0
     now = model.coordinate(knob)
     at = np.array(layout.at(KnobSource(knob.column)))
     return Atom(
