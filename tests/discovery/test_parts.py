@@ -387,6 +387,27 @@ def test_a_slow_road_before_or_behind_a_junction_is_no_place_where_trucks_give_w
     assert measure(crossings(ways_beside(crossing(0.0, pace))), TRUCK).by_way[0, 1].slow == ()
 
 
+def turning_back(s: float) -> float:
+    """At 1 m/s for a moment at the end of the road, and braking for that; else at 3.5 m/s."""
+    return min(3.5, np.sqrt(1.0 + (1.6 if s < 30.0 else 1.2) * abs(s - 30.0)))
+
+
+@pytest.mark.parametrize("others", [0, 3])
+def test_how_trucks_turn_back_is_known_where_few_did(others: int) -> None:
+    """Three passages of one way tell of all, beside bends or where there are none; they are slow for a moment,
+    however wide they turn; and only on the edge that leads back."""
+    seen = ways_beside(crossing(3.1, turning_back))[: 3 + 3 * others]
+    turns = measure(crossings(seen), TRUCK)
+    s = np.arange(0.0, 21.0, 0.5)
+    edge = np.where(s <= 8.0, 40, 41)
+    reverse = np.full(50, -1)
+    assert not turns.along(s, edge, 0.0 * s, s > 0.0, reverse).any()
+    reverse[40] = 41
+    bent = turns.along(s, edge, 0.0 * s, s > 0.0, reverse)
+    assert np.sqrt(turns.lateral / bent.max()) == pytest.approx(1.0, abs=0.1)
+    assert np.ptp(s[bent > 0.0]) < 2.0
+
+
 def test_limits_are_shared_where_roads_meet() -> None:
     s = np.arange(0.0, 61.0)
     edge = (s > 30.0).astype(int)

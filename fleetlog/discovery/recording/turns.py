@@ -113,13 +113,15 @@ def measure(found: Iterable[tuple[Way, Pass]], truck: Truck) -> Turns:
     for way, one in found:
         passes[way].append(one)
     known = {way: _turn(p, truck) for way, p in _as_unladen(passes).items() if len(p) >= FEWEST}
-    bends = [t for t in known.values() if BEND < abs(t.angle) < BACK]
-    if len(bends) < FEWEST or _map_explains(list(known.values())):
-        return Turns({}, 0.0)
-    nominal = truck.drive.max_lateral_acceleration
-    level = float(np.median([t.speed**2 for t in bends])) / truck.chassis.turn_radius
-    backs = [t for t in known.values() if abs(t.angle) > BACK]
-    back = sorted(backs, key=lambda t: t.speed)[len(backs) // 2] if backs else None
+    backs = {way: t for way, t in known.items() if abs(t.angle) > BACK}
+    ahead = [t for way, t in known.items() if way not in backs]
+    bends = [t for t in ahead if abs(t.angle) > BEND]
+    level = nominal = truck.drive.max_lateral_acceleration
+    if len(bends) < FEWEST or _map_explains(ahead):
+        known = backs  # No map tells how trucks turn back
+    else:
+        level = float(np.median([t.speed**2 for t in bends])) / truck.chassis.turn_radius
+    back = sorted(backs.values(), key=lambda t: t.speed)[len(backs) // 2] if backs else None
     return Turns(known, level if level < ALIKE * nominal else nominal, back)
 
 
