@@ -123,7 +123,7 @@ def _one_more(scenario: Scenario, before: Summary, scarce: Resource) -> dict[str
     statement = f"{what}: {count(done, 'task')} done instead of {before.count.tasks_done:,}, "
     statement += f"{waiting / 3600.0:.2f} truck hours of waiting instead of {before.waiting_s / 3600.0:.2f}"
     if max(waits) > 0.0:
-        statement += f", tasks wait {waits[1]:.0f} s instead of {waits[0]:.0f} s"
+        statement += f", tasks wait {waits[1]:,.0f} s instead of {waits[0]:,.0f} s"
     told = {"what": what, "tasks_done": done, "task_wait_s": round(waits[1], 2)}
     return {**told, "waiting_s": round(waiting, 1), "statement": statement}
 
@@ -204,7 +204,7 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
     lines = ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in rows_told]
     each = [", ".join(f"{f.name} = {row[f.name]}" for f in factors) for row in table.to_dict("records")]
     rates, best = table.tasks_per_h, int(table.tasks_per_h.argmax())
-    good = np.flatnonzero(rates + table.tasks_per_h_ci >= rates[best])
+    good = np.flatnonzero(rates + table.tasks_per_h_ci.fillna(0.0) >= rates[best])
     near = f" As good within the interval: {'; '.join(each[k] for k in good if k != best)}." * (len(good) > 1)
     lines.append(f"Most tasks are done with {each[best]}: {rates[best]:.1f} per hour.{near}")
     return Result("experiment", summary, tables, {}, _shapes(runs, factors), lines)
