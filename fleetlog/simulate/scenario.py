@@ -158,7 +158,7 @@ def varied(scenario: Scenario, name: str, value: str) -> Scenario:
         site = with_plugs(site, name, _whole(value, name))
     else:
         known = ["vehicles", "plugs", "close", "policy", *places]
-        raise DataError(f"{name!r} cannot be varied: it is neither a setting nor a place", do=nearest(name, known))
+        raise DataError(f"{name!r} is neither a setting nor a place to vary", do=nearest(name, known))
     return replace(scenario, site=site, settings=settings)
 
 

@@ -170,7 +170,7 @@ def test_an_experiment_from_a_file(plan):
         (("--vehicles", "14..6"), "empty range"),
         (("--vary", "plugs=1..20000"), "more than 10,000"),
         (("--vary", "plugs=0..2"), "from 1 to"),
-        (("--vary", "foo=1"), "cannot be varied"),
+        (("--vary", "foo=1"), "neither a setting nor a place"),
         (("--vary", "policy=sometimes"), "unknown charging policy"),
         (("--vary", "plugs"), "NAME=VALUES"),
         (("--vary", "close=nowhere"), "no edge"),
