@@ -88,7 +88,11 @@ def commands() -> str:
 
     def walk(command: click.Command, path: tuple[str, ...]) -> None:
         ctx = click.Context(
-            command, info_name=" ".join(path), max_content_width=100, terminal_width=100, **cli.context_settings
+            command,
+            info_name=" ".join(path),
+            max_content_width=100,
+            terminal_width=100,
+            **cli.context_settings,
         )
         out.append(f"\n## {' '.join(path)}\n\n```\n{command.get_help(ctx)}\n```")
         if isinstance(command, click.Group):
