@@ -93,7 +93,7 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame, dropped: list[str]) -> list
     what = "Place pick and drop spots" if loading else f"{do} chargers"
     out += [f"{what} at {listed([*new[:MOST], *more])}."] if new else []
     out += [f"Keep {row.existing} ({row.need[2:]} needed)." for row in rows if row.existing]
-    out += [f"This plan does not need {listed(dropped)}."] if dropped else []
+    out += [f"This plan does not need {' or '.join(dropped)}."] if dropped else []
     out += [
         f"  {row.site}: {row.existing or row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves "
         f"{percent(row.served_share)} of the demand{row.need}"
