@@ -87,7 +87,13 @@ def commands() -> str:
     out = [MADE + "# Commands\n"]
 
     def walk(command: click.Command, path: tuple[str, ...]) -> None:
-        ctx = click.Context(command, info_name=" ".join(path), max_content_width=100, terminal_width=100)
+        ctx = click.Context(
+            command,
+            info_name=" ".join(path),
+            max_content_width=100,
+            terminal_width=100,
+            **cli.context_settings,
+        )
         out.append(f"\n## {' '.join(path)}\n\n```\n{command.get_help(ctx)}\n```")
         if isinstance(command, click.Group):
             for name in command.list_commands(ctx):

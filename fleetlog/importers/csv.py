@@ -170,7 +170,7 @@ def lay_out(names: list[str], profile: Profile, report: ReadReport) -> Fields:
         do = "name it in a profile (--profile FILE.toml): [time] column = ..."
         raise FormatError(f"no time among the columns ({seen})", where=report.path, do=do)
     if not fields.columns.keys() & KINDS.keys():
-        what = f"no known column beside the time ({seen})"
+        what = f"no known column besides the time ({seen})"
         raise FormatError(what, where=report.path, do="map the columns in a profile (--profile FILE.toml)")
     return fields
 

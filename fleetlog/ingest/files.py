@@ -105,7 +105,7 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
     other = [str(log.path.relative_to(folder)) for log in logs if log.path not in taken]
     if found and other:
         named = ", ".join(other[:NAMED]) + (" ..." if len(other) > NAMED else "")
-        notice(f"{folder}: {count(len(other), 'file')} passed over, not of the format of a log: {named}")
+        notice(f"{folder}: {count(len(other), 'file')} skipped, as their format does not fit: {named}")
     return found
 
 

@@ -118,7 +118,7 @@ def like(
     chargers = [p.id for p in site.places if p.kind == "charge"]
     visits = visits_of(stands, cluster, names, chargers, driven_edges(dataset, stands))
     if same and any(v.next >= 0 for v in visits):
-        asked.append(f"trucks choose their next place as after {count(len(visits), 'recorded visit')}")
+        asked.append(f"trucks go on from a place as after {count(len(visits), 'recorded visit')}")
         return site, Demand(visits=visits, stands=along, endless=False, notes=asked), notes
     if not (known := carried(stands, cluster, names)):
         asked.append("the recording shows no load carried between two places: tasks are random")
@@ -235,7 +235,7 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[tuple[Truck, ...],
         mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
         for k in group:
             found[k] = replace(truck, drive=replace(truck.drive, **mean))
-    untold = f"reaction times of drivers are unknown: only {count(len(every), 'start')} right behind a truck"
+    untold = f"reaction times of drivers are unknown (starts right behind a truck: {len(every)})"
     return tuple(found), [untold] if len(every) < FEW else []
 
 

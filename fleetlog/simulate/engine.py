@@ -88,7 +88,7 @@ def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
         source, target = left_out[0].source, left_out[0].target
         what = f"place {target!r} cannot be reached from {source!r} and back, nor any place of another task"
         raise SiteError(what, do="check one-way roads and turns of the map")
-    note = f"dropped, from or to places that were left out: {count(len(left_out), 'task')}"
+    note = f"{count(len(left_out), 'task')} dropped, from or to places that were left out"
     return replace(demand, given=doable, left_out=left_out), [note]
 
 

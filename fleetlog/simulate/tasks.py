@@ -120,7 +120,7 @@ def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0, start:
         raise InputError(f"not readable as CSV: {error}", where=path, do="write UTF-8 text") from None
     except InputError as error:
         raise InputError(error.what, where=path, place=place, do=error.do) from None
-    note = f"left out, no place to go to was chosen yet: {count(tasks.count(None), 'task')}"
+    note = f"{count(tasks.count(None), 'task')} left out: no place to go to was chosen yet"
     given = sorted(filter(None, tasks), key=lambda t: t.earliest)
     return Demand(given, endless=False, notes=[note] if None in tasks else [])
 

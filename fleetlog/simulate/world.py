@@ -93,7 +93,7 @@ def _with_own(trucks: Trucks, physics: Physics, start: float) -> tuple[Trucks, l
     first = [names[keys.index(kind)] for kind in kinds]
     own = [replace(physics.of(n, start), truck=t) for n, t in zip(first, apart.kinds, strict=True)]
     absent = sorted({v for o in physics.own for v in o.vehicles or ()} - {*names})
-    note = f"the model has values of its own for {listed(absent)}, which this fleet has not"
+    note = f"the model has values of its own for {listed(absent)}, which this fleet lacks"
     return apart, own, [note] if absent else []
 
 

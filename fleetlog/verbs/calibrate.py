@@ -22,7 +22,6 @@ def calibrate(
     ----------
     measurements : tables of runs (CSV; in Python also DataFrames), or datasets.
     truck : truck file, or name of a preset, to start from.
-    physics : model with terms known beforehand (model.toml).
     output : truck file to write."""
     from fleetlog.calibrate.fit import calibrate as fitted
     from fleetlog.calibrate.report import lines, summary, truck_toml

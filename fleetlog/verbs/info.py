@@ -27,8 +27,8 @@ from fleetlog.store.output import MARK
 Figures = dict[str, Any]
 LISTED = 30  # Entries of a list that are shown
 WIDTH, ROWS, MOST = 100, 12, 40  # Letters of a line; rows of a table that are shown, letters of a cell
-UNITS = {"wh_per_km": "kWh/km", "m_s": "m/s", "kwh": "kWh", "w": "W", "wh": "Wh"}
-UNITS |= {unit: unit for unit in ("m", "s", "km", "kg")}
+UNITS = {"wh_per_km": "kWh/km", "kwh_per_km": "kWh/km", "kwh_per_tkm": "kWh/t km", "kwh": "kWh"}
+UNITS |= dict(m_s="m/s", w="W", kw="kW", wh="Wh", v="V", m="m", s="s", h="h", km="km", kg="kg")
 
 
 @verb()
@@ -80,7 +80,7 @@ def _lines(figures: Figures, indent: str = "  ") -> Iterator[str]:
 
 def _label(name: str) -> str:
     """Name of a figure with its unit."""
-    found = re.fullmatch(f"(.+?)(?<!_per)_({'|'.join(UNITS)})", name)
+    found = re.fullmatch(f"(.+?)(?<!_per)_({'|'.join(UNITS)})", re.sub("^kwh_per", "energy_kwh_per", name))
     return (f"{found[1]} [{UNITS[found[2]]}]" if found else name).replace("_", " ")
 
 

@@ -18,8 +18,8 @@ def report(
 ) -> Answer:  # fmt: skip
     """Write one page about the fleet of a dataset, about two DATASETS side by side, or about an experiment.
 
-    The page is one file: it needs no network, prints, and reads on a phone.  Of two datasets it tells how the
-    second differs from the first, and whether that is more than chance.
+    The page is one file: it needs no network, and can be printed or read on a phone.  Of two datasets it
+    tells how the second differs from the first, and whether that is more than chance.
 
     Parameters
     ----------

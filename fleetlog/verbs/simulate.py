@@ -79,7 +79,6 @@ def simulate(
     tasks : CSV (in Python also a DataFrame): vehicle (or any), from, to, payload [kg], earliest [s].
     cycle : a test cycle on a strip of its own.
     close : close a road to all trucks; may be repeated.
-    physics : model.toml with terms found elsewhere.
     without : leave a term of the physics out; may be repeated.
     rate : rows per second of each truck.
     step : time step of the simulation [s].

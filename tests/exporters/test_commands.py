@@ -61,10 +61,10 @@ def test_info_of_a_dataset_and_of_its_exports(make_dataset, tmp_path: Path) -> N
 
 def test_info_shows_lists_as_tables_and_breaks_long_lines() -> None:
     rows = [{"name": f"n{k}", "speed_m_s": 0.123456, "none": None} for k in range(20)]
-    figures = {"kind": "analysis", "path": "p", "energy_wh_per_km": 547.4, "kwh_per_km": 0.5474, "rows": rows}
+    figures = {"kind": "analysis", "path": "p", "driven_wh_per_km": 547.4, "kwh_per_km": 0.5474, "rows": rows}
     found = [{"term": "grade", "channel": "soc", "statement": "The road climbs by up to 8 %"}] * 2
     shown = told(figures | {"findings": found, "columns": [f"column_{k}" for k in range(30)]})
-    assert "  energy [kWh/km]  0.5474" in shown and "  kwh per km       0.5474" in shown
+    assert "  driven [kWh/km]  0.5474" in shown and "  energy [kWh/km]  0.5474" in shown
     start = shown.index("  rows")
     assert shown[start + 1 : start + 3] == ["    name  speed [m/s]", "    n0    0.1235"]
     assert shown[start + 14] == "    and 8 more: --json has them all"

@@ -382,7 +382,7 @@ def test_files_of_a_folder_that_are_no_logs_are_named(tmp_path: Path) -> None:
     said: list[str] = []
     with listening(unheard, said.append):
         assert judge.imported(folder, tmp_path).status == 0
-    assert said == [f"{folder}: 2 files passed over, not of the format of a log: bad.csv, empty.csv"]
+    assert said == [f"{folder}: 2 files skipped, as their format does not fit: bad.csv, empty.csv"]
 
 
 def test_what_a_pattern_matches_is_an_input(tmp_path: Path) -> None:

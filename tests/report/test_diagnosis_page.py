@@ -50,6 +50,19 @@ def test_a_statement_is_one_sentence_that_leaves_advice_to_the_term_and_writes_p
     assert ". " not in said and not re.search(r"\d%", said)
 
 
+@pytest.mark.parametrize(
+    "until, said",
+    [
+        ("13T08:59", "13 April 2026, 08:00 to 08:59 UTC"),
+        ("14T08:59", "13 April 2026, 08:00 UTC to 14 April 2026, 08:59 UTC"),
+    ],
+)
+def test_a_time_within_a_day_names_the_day_once(until: str, said: str) -> None:
+    moments = {"from": "2026-04-13T08:00:00+00:00", "until": f"2026-04-{until}:00+00:00"}
+    text = unknown(["time"], None, {"vehicles": ["T3"], **moments})
+    assert text.startswith(f"Truck T3, from {said}: a mismatch that")
+
+
 def test_the_terminal_says_what_to_do() -> None:
     assert spoken(WORN)[1] == f"    What to do: {all_terms()['surface_resistance'].advice}."
 

@@ -111,7 +111,7 @@ def test_exported_tasks_are_the_same_tasks(tmp_path):
     start = 1_767_592_800_000_000
     found, same = read_tasks(exported, site, TRUCK, 3, start), read_tasks(plain, site, TRUCK, 3)
     assert found.given == same.given and not same.notes
-    assert found.notes == ["left out, no place to go to was chosen yet: 1 task"]
+    assert found.notes == ["1 task left out: no place to go to was chosen yet"]
     with pytest.raises(InputError, match="line 3"):
         read_tasks(exported, site, TRUCK, 3, start + 1_000_000)
 

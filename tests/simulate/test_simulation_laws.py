@@ -148,7 +148,7 @@ def test_a_truck_and_an_hour_have_values_of_their_own(simulated):
     np.testing.assert_allclose(more[1], 500.0, atol=0.02)
     np.testing.assert_allclose(more[2, :59], 0.0, atol=0.02)
     np.testing.assert_allclose(more[2, 61:], 300.0, atol=0.02)
-    note = "the model has values of its own for T9, which this fleet has not"
+    note = "the model has values of its own for T9, which this fleet lacks"
     assert sorted(of_its_own.summary.notes) == sorted([*plain.summary.notes, note])
 
 

@@ -93,7 +93,7 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame, dropped: list[str]) -> list
     what = "Place pick and drop spots" if loading else f"{do} chargers"
     out += [f"{what} at {listed([*new[:MOST], *more])}."] if new else []
     out += [f"Keep {row.existing} ({row.need[2:]} needed)." for row in rows if row.existing]
-    out += [f"{listed(dropped)} {'are' if dropped[1:] else 'is'} not needed for it."] if dropped else []
+    out += [f"This plan does not need {' or '.join(dropped)}."] if dropped else []
     out += [
         f"  {row.site}: {row.existing or row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves "
         f"{percent(row.served_share)} of the demand{row.need}"
@@ -101,9 +101,9 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame, dropped: list[str]) -> list
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
     out.append(
-        f"From the demand ({demand}) to the nearest site it is {r['mean']:.1f} {unit} on average, at most "
-        f"{r['p95']:.1f} {unit} for 95 % of it; to random sites {b['random']['mean']:.1f} {unit}, to the "
-        f"busiest junctions {b['hottest']['mean']:.1f} {unit}."
+        f"The demand ({demand}) is {r['mean']:.1f} {unit} from the nearest site on average, and at most "
+        f"{r['p95']:.1f} {unit} for 95 % of it; with random sites {b['random']['mean']:.1f} {unit}, with "
+        f"sites at the busiest junctions {b['hottest']['mean']:.1f} {unit}."
         + (f" This plan is {gap} by {s['metric']}." if s["method"] == "pmedian" else "")
     )
     if st["runs"]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.core.result import EdgeValues, Grid, Result, Series, Shape
-from fleetlog.core.words import count, percent
+from fleetlog.core.words import count, listed, percent
 from fleetlog.discovery.channels.energy import EnergyChannel
 from fleetlog.discovery.channels.energy_columns import EnergyAbout
 from fleetlog.discovery.diagnose import Diagnosis
@@ -86,7 +86,7 @@ def head(v: Verdict) -> str:
     if v.word == "none" and not v.passes:
         told, untold = ([c.name for c in v.channels if c.judged == known] for known in (True, False))
         names = ", ".join(untold + [f"truck {name}" for name in v.left_out])
-        return f"Nothing is missing in {' and '.join(told)}. Not judged: {names}."
+        return f"Nothing is missing in {listed(told)}. Not judged: {names}."
     found = f"The model leaves out {count(len(v.findings), 'effect')}."
     described = not v.unexplained and all(f.physics or f.term != "unknown" for f in v.findings)
     return HEADS.get("unnamed" if v.word == "unknown" and described else v.word, found)

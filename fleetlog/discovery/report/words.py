@@ -56,7 +56,7 @@ def _moment(time: float) -> str | None:
 
 
 def _of(scope: Told, text: str) -> str:
-    """A sentence of a scope: after ``Truck T3, since 14 March 2026, 09:00 UTC: ``, but of all, always."""
+    """A sentence of a scope: after ``Truck T3, from 14 March 2026, 09:00 to 10:00 UTC: ``; of all, always."""
     if scope is None:
         return text
     trucks, begin, until = scope["vehicles"], scope["from"], scope["until"]
@@ -64,7 +64,7 @@ def _of(scope: Told, text: str) -> str:
     word = "growing from" if scope.get("drift") else "from" if until else "since"
     when = f"{word} {_said(begin)}" if begin else ""
     when += f"{' to' if when else 'until'} {_said(until)}" if until else ""
-    whom = ", ".join(t for t in (who, when) if t)
+    whom = re.sub(r"(\d+ \w+ \d{4}), ([\d:]+) UTC to \1,", r"\1, \2 to", ", ".join(filter(None, (who, when))))
     return f"{whom[:1].upper()}{whom[1:]}: {text[:1].lower()}{text[1:]}" if whom else text
 
 

@@ -21,7 +21,7 @@ def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
     entities: a map has no use for them. A comment before the XML declaration is passed over and noted."""
     data, late = _LATE.subn(b"", read_whole(path, error=SiteError))
     if late:
-        notes.append("the XML declaration stands behind a comment, which is passed over")
+        notes.append("the XML declaration stands after a comment, which is skipped")
     if b"<!ENTITY" in data:
         raise SiteError("declares XML entities, which are not read", do="remove its DOCTYPE")
     try:
