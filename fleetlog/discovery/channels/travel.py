@@ -220,7 +220,9 @@ class TravelChannel(Channel):
         m, back = path.motion, self.roads.network.reverse
         driven = self.turns.along(path.s, m.edge, m.curvature, path.inside, back)
         share = path.passages(place, self.waits.size)[2] * here
-        apart = path.apart & (path.summed(here.astype(float)) > 0.0) & path.alone(place)
+        # Driving slowly is no standing: where trucks wait, of who stood only that counts.
+        stood = whole & (path.summed(path.standing * here) > 0.0)
+        apart = (path.apart & (path.summed(here.astype(float)) > 0.0) | stood) & path.alone(place)
         path = replace(path, motion=path.motion.replaced(curvature=driven), share=share, apart=apart)
         nominal = self.about(path, self.base)
         level = path.summed(nominal.seconds + nominal.waits)
