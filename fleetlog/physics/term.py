@@ -30,6 +30,7 @@ class Parameter:
     unit: str
     low: float  # Bounds of what is physically plausible; no estimate is reported on one
     high: float
+    ends: bool = False  # Trucks may have just the lower bound, none at all: who does is no implausible one
     neutral: float = 0.0  # At which the term changes nothing; that of ``truck_key`` where it has one
     truck_key: str | None = None  # The truck's value that it replaces, as ``drive.efficiency``
     tolerance: float = 0.0

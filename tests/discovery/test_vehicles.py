@@ -70,6 +70,14 @@ def test_a_load_that_goes_out_as_soon_as_the_truck_stands_is_named(tmp_path: Pat
     assert hold < 2.2
 
 
+def test_a_truck_that_brakes_by_friction_alone_is_named(tmp_path: Path) -> None:
+    """Nothing comes back to the battery: by chance the estimate would be below that as often as above."""
+    found = power(driven(tmp_path, "site.toml", {"regeneration": {"regeneration": 0.0}})).verdict
+    assert (found.word, [f.term for f in found.findings]) == ("found", ["regeneration"])
+    told = found.findings[0].parameters[0]
+    assert told.low == 0.0 < told.value < told.high < 0.1
+
+
 def test_heights_that_the_log_shows_leave_no_slope_to_find(tmp_path: Path) -> None:
     """Heights drift by 0.2 m, as those of a receiver; the map is flat. What is missing is drag."""
     day = driven(tmp_path, "site_3d.toml", {"viscous_drag": {"coefficient": 120.0}})

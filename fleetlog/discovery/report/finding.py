@@ -4,6 +4,9 @@ from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any
 
+import numpy as np
+from scipy.special import ndtr
+
 from fleetlog.physics import term
 
 NORMAL = 1.959964  # Standard errors on either side of which 95 % of a normal variable lies
@@ -22,9 +25,14 @@ class Parameter:
 
 
 def interval(p: term.Parameter, at: float, error: float, nominal: float) -> Parameter:
-    """Return a number that stands at a coordinate, of this standard error."""
+    """Return a number that stands at a coordinate, of this standard error; of one that may end at its lower
+    bound the mean of what is above it."""
     low, high = sorted(p.value_of(at + s * NORMAL * error) for s in (-1.0, 1.0))
-    return Parameter(p.name, p.value_of(at), low, high, p.unit, nominal)
+    value = p.value_of(at)
+    if p.ends and low < p.low:
+        z = (value - p.low) / error
+        low, value = p.low, value + error * float(np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) / ndtr(z))
+    return Parameter(p.name, value, low, high, p.unit, nominal)
 
 
 @dataclass(frozen=True)

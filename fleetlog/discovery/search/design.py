@@ -38,6 +38,11 @@ class Atom:
         """Whether it is a number of the truck file that may be a little off."""
         return self.owner is None and self.knob is not None and self.knob.scope.whole
 
+    @property
+    def ends(self) -> bool:
+        """Whether trucks may have just the lower bound of the number."""
+        return self.knob is not None and self.knob.definition.ends
+
 
 @dataclass(frozen=True)
 class Design:

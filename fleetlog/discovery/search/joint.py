@@ -135,7 +135,8 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
     gram, meat, shift = _products(problem, joint)
     # A tolerance holds at 95 %: a number on the edge of its own is known no better than one beside it.
-    free = prior.within(beta) | np.array([a.owner is None and a.knob is not None for a in design.atoms])
+    known = [a.ends or (a.owner is None and a.knob is not None) for a in design.atoms]
+    free = prior.within(beta) | np.array(known, bool)
     bread = np.zeros_like(gram)
     inner = gram + np.diag(prior.precision)
     root = np.sqrt(np.maximum(np.diag(inner), 1e-300))  # Ohms and watts differ by more than rounding allows
