@@ -48,7 +48,7 @@ def test_a_brake_that_rubs_is_no_rolling_resistance(
     """Its force is the same with and without a load. No word of the vocabulary says so; sentence and number do."""
     (only,) = diagnosed(shared_data / recording, effect)["findings"]
     of_one = effect.endswith("one truck")
-    assert only["term"] == "unknown" and "a brake that rubs" in only["statement"]
+    assert only["term"] == "unknown" and "a rubbing brake" in only["statement"]
     assert only["depends_on"] == ["vehicle_id" if of_one else "driving"]
     assert bool(only["scope"]["vehicles"]) == of_one
     (force,) = only["parameters"]
