@@ -32,6 +32,8 @@ from run import run
         "grade,site=yard,logger=no_speed,seed=7115,vehicles=6,hours=2.0",
         # A curve of the acceleration that unseen trips do not show (72).
         "cornering_resistance+viscous_drag+copper_loss,seed=5046",
+        # Trucks that stand at one place of a slow road, told as a road that is slower still (72).
+        "speed_zone+waiting,together=road,seed=5048",
     ],
 )  # fmt: skip
 def test_concealed_effects_are_named(name: str, tmp_path: Path) -> None:
