@@ -186,7 +186,8 @@ def _within_tolerance(base: Model, numbers: dict[Knob, Parameter], h: Hypothesis
     p, found, nominal = knob.definition, numbers[knob], base.value(knob.fleet)
     # A truck file that is a little off is off all the time.
     always = not knob.scope.timed
-    allowed = max(p.allowance(base.truck, one) for one in {False, not knob.scope.whole}) if always else 0.0
+    widest = max(p.allowance(base.truck), p.allowance(base.truck, not knob.scope.whole))
+    allowed = widest if always else 0.0
     above = (p.ceiling and always) or found.low <= nominal + allowed
     return above if found.value > nominal else found.high >= nominal - allowed
 

@@ -144,7 +144,8 @@ class Clock:
 
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 _DEGREES = re.compile(
-    r"^\s*(?P<head>[NSEWnsew])?\s*(?P<sign>[+-])?\s*(?P<d>\d{1,3}(?:\.\d+)?)\s*(?:°|d|deg|:|\s|(?=[NSEWnsew]?\s*$))\s*"
+    r"^\s*(?P<head>[NSEWnsew])?\s*(?P<sign>[+-])?\s*"
+    r"(?P<d>\d{1,3}(?:\.\d+)?)\s*(?:°|d|deg|:|\s|(?=[NSEWnsew]?\s*$))\s*"
     r"(?:(?P<m>\d{1,2}(?:\.\d+)?)\s*(?:'|′|m|min|:|\s|$)\s*)?"
     r"(?:(?P<s>\d{1,2}(?:\.\d+)?)\s*(?:\"|″|''|s|sec)?\s*)?(?P<tail>[NSEWnsew])?\s*$"
 )

@@ -189,7 +189,12 @@ def _slowest(driven: Floats, truck: Truck, bend: Slow) -> Slow:
     inner = [float(at) for at in PLACES if abs(at - middle) < half]
     tried = [bend, *((at, h, speed) for h in HALVES if h < half for at in inner)]
     fastest = np.nanmax(driven, initial=speed)
-    missed = [np.nansum((1.0 / np.minimum(_beside(t, truck), fastest) - 1.0 / driven) ** 2) for t in tried]
+    return _likest(driven, truck, fastest, tried)
+
+
+def _likest(driven: Floats, truck: Truck, known: float | Floats, tried: list[Slow]) -> Slow:
+    """The place with which times per metre are likest those driven, where speeds ``known`` hold as well."""
+    missed = [np.nansum((1.0 / np.minimum(known, _beside(t, truck)) - 1.0 / driven) ** 2) for t in tried]
     return tried[int(np.argmin(missed))]
 
 
@@ -213,8 +218,7 @@ def _dip(driven: Floats, truck: Truck, bends: tuple[Slow, ...]) -> tuple[Slow, .
     inner = (np.abs(PLACES) <= BEHIND) & (min([b[0] - b[1] for b in bends], default=CENTRE) > PLACES)
     slow = np.flatnonzero(inner & (driven < DIP * known))
     tried = [(float(PLACES[k]), half, float(driven[k])) for k in slow for half in HALVES]
-    missed = [np.nansum((1.0 / np.minimum(known, _beside(one, truck)) - 1.0 / driven) ** 2) for one in tried]
-    return (tried[int(np.argmin(missed))],) if tried else ()
+    return (_likest(driven, truck, known, tried),) if tried else ()
 
 
 def _speed(passes: list[Pass], middle: float, reach: float) -> float:

@@ -122,8 +122,7 @@ def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> At
     zero = channel.base.coordinate(knob.fleet)
     allowed = p.allowance(channel.fleet.truck, not knob.scope.whole)
     width = abs(p.scaled(p.value_of(zero) + allowed) - zero)
-    zero = zero if knob.scope.whole else 0.0
-    now = model.coordinate(knob)
+    now, zero = model.coordinate(knob), zero if knob.scope.whole else 0.0
     at = np.array(layout.at(KnobSource(knob.column)))
     return Atom(
         at, np.ones(1), (CERTAIN / width) ** 2, zero - now,

@@ -44,7 +44,7 @@ def on_bound(problem: Problem, joint: Joint, h: Hypothesis | None = None) -> boo
     """Whether a hypothesis, by default the last, needs an implausible number."""
     h = h or joint.chosen[-1]
     pairs = zip(joint.design.atoms, joint.fitted.beta, strict=True)
-    if any(a.owner == h and not a.low < b < a.high and not (a.ends and b < a.high) for a, b in pairs):
+    if any(a.owner == h and not ((a.ends or a.low < b) and b < a.high) for a, b in pairs):
         return True
     if not (h.patterns or h.field) or h.term is None or h.physics is None:
         return False
