@@ -153,8 +153,7 @@ def charging(t: Trajectory) -> Mask:
     """(N,) whether the battery is charged from each row to the next, and gives nothing meanwhile."""
     power, soc = measured_power(t), soc_level(t)
     falls = np.diff(soc, append=soc[-1:]) < 0.0
-    gives = np.where(np.isfinite(power) & ~silences(t), power > 0.0, falls)
-    return row_states(t)[1] & ~gives
+    return row_states(t)[1] & ~np.where(np.isfinite(power) & ~silences(t), power > 0.0, falls)
 
 
 def _rising(t: Trajectory, still: Mask, silent: Mask) -> Mask:
@@ -176,8 +175,7 @@ def _rising(t: Trajectory, still: Mask, silent: Mask) -> Mask:
 def soc_level(t: Trajectory) -> Floats:
     """(N,) state of charge, held between its values; what changes over a silence changes in no other row."""
     stretch, soc = np.cumsum(np.append(False, silences(t)))[:-1], pd.Series(t.floats("soc"))
-    held = soc.groupby(stretch).ffill().groupby(stretch).bfill().ffill()
-    return np.asarray(held, dtype=np.float64)
+    return np.asarray(soc.groupby(stretch).ffill().groupby(stretch).bfill().ffill(), dtype=np.float64)
 
 
 def silences(t: Trajectory) -> Mask:

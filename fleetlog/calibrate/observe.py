@@ -198,8 +198,7 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
     effect = float(blocks.var()) / (BLOCK * max(float(residual.var()), 1e-18)) if len(blocks) > 2 else 1.0
     sigma = np.full(count, spread * float(np.sqrt(max(effect, 1.0))))
     doubt = np.stack([summed(row) for row in _doubts(motion, physics)], axis=1)
-    labels = tuple(f"window {i}" for i in range(count))
-    return Observations(measured, sigma, labels, predict, doubt)
+    return Observations(measured, sigma, tuple(f"window {i}" for i in range(count)), predict, doubt)
 
 
 def _doubts(motion: Motion, physics: Physics) -> Iterator[Floats]:

@@ -45,7 +45,7 @@ class Explained:
     numbers: dict[Knob, Parameter]
     unexplained: bool
     slight: tuple[Hypothesis, float] | None = None  # What is no finding as it moves no more than this share
-    unseen: Sequence[Hypothesis] = ()  # Free curves that unseen trips do not show
+    unseen: Sequence[Hypothesis] = ()  # Free curves that are no finding
     bare: Model | None = None  # What is written, without what was found
     strain: float = 0.0  # Share by which tolerances move the model together, more than by chance
 
@@ -118,10 +118,13 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     pair = [found.base, refit(sample, found.base.model, best, steps=1, known=sums)] if best else []
     without = {h: final.without(h) for h in named}
     fit, judged, rest, lasting = judge(problem, before.model, final, without, beside, pair, asked.share)
-    values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
+    values = {h.term: _values(problem, final, h) for h in named if h.term and (h.field or h.patterns)}
     # A free curve says no more than that something is left: unseen trips must show it, beyond the model's own
-    # error.
-    doubtful = [h for h in beside if BY_ITSELF < (judged[h].p_value or 0.0) < 1.0]
+    # error, and of free places one at least must stand out.
+    doubtful = [
+        h for h, own in beside.items() if BY_ITSELF < (judged[h].p_value or 0.0) < 1.0
+        or (h.field and not fields.together(channel.cells(None), _values(problem, own, h)).any())
+    ]  # fmt: skip
     told = [h for h in told if h not in doubtful]
     beside = {h: beside[h] for h in told if h in beside}
     findings = []
@@ -227,12 +230,12 @@ def _numbers(joint: Joint, error: Floats) -> dict[Knob, Parameter]:
     return {k: interval(p, model.total(k), e, p.nominal(model.truck)) for k, p, e in known}
 
 
-def _values(problem: Problem, joint: Joint, known: Floats, h: Hypothesis) -> Values:
+def _values(problem: Problem, joint: Joint, h: Hypothesis) -> Values:
     """A field with the error of every cell; without a term in watts, or as a share of the time."""
     own = [i for i, a in enumerate(joint.design.atoms) if a.owner == h]
     cells = problem.channel.cells(h.physics)
     basis = np.column_stack([p.weights for p in h.patterns]) if h.patterns else cells.root
-    inner = known[np.ix_(own, own)]
+    inner = covariance(problem, joint)[np.ix_(own, own)]
     passes = problem.channel.passes(h.physics)
     if h.term:
         return Values(joint.model.fields[h.term], passes, basis, inner)
@@ -274,7 +277,7 @@ def _where(
 ) -> tuple[dict[str, Any] | None, list[Parameter]]:  # fmt: skip
     if h.field or h.patterns:
         own = beside.get(h)
-        v = values[h.term or ""] if own is None else _values(problem, own, covariance(problem, own), h)
+        v = values[h.term or ""] if own is None else _values(problem, own, h)
         return fields.told(problem.channel.cells(h.physics), v, h)
     out = [numbers[k] for k in h.knobs if k in numbers]
     for knob in h.shapes:

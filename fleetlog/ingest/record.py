@@ -102,8 +102,7 @@ def _parsed(url: str) -> tuple[SplitResult, str]:
     if not known:
         raise InputError("is no address of a broker", where=url, do="write it as mqtt://HOST:PORT/TOPIC")
     # '#' begins a fragment in a URL and is a wildcard here.
-    topic = unquote(place.path.lstrip("/")) + (f"#{place.fragment}" if "#" in url else "")
-    return place, topic or "#"
+    return place, unquote(place.path.lstrip("/")) + (f"#{place.fragment}" if "#" in url else "") or "#"
 
 
 def _client(place: SplitResult, client_id: str) -> Any:

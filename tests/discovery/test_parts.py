@@ -243,9 +243,23 @@ def test_an_odd_field_has_opposite_values_in_the_two_directions() -> None:
 
 
 def test_a_pattern_is_the_same_in_the_basis_of_the_prior() -> None:
-    cells = make_stretches(network())
-    pattern = np.random.default_rng(0).normal(size=len(cells))
-    assert cells.root @ (cells.inverse @ pattern) == pytest.approx(pattern)
+    """Whole roads but for the finest modes, which are 5 % of the variance; what is not alike has all."""
+    roads, lanes = make_stretches(network()), make_stretches(network(), apart=True)
+    assert roads.root.shape[1] < len(roads) and lanes.root.shape[1] == len(lanes)
+    for cells, near in ((roads, 0.05), (lanes, 1e-9)):
+        pattern = np.where(cells.road_edge == 0, 1.0, -2.0)
+        assert cells.root @ (cells.inverse @ pattern) == pytest.approx(pattern, rel=near)
+
+
+def test_the_largest_slope_is_that_of_two_stretches_as_one_is_hardly_told_from_the_next() -> None:
+    """Errors of neighbours that cancel leave the mean of two as it is; alone each seems steeper."""
+    cells = replace(make_stretches(network()), odd=True)
+    slope = np.where(cells.road_edge == 0, 0.04, 0.0) + 0.01 * (-1.0) ** np.arange(len(cells))
+    slope[cells.road_edge != 0] = 0.0
+    apart = np.eye(len(cells)) - 0.95 * (np.eye(len(cells), k=1) + np.eye(len(cells), k=-1)) / 2.0
+    values = Values(slope, np.full(len(cells), 10), np.eye(len(cells)), 0.001**2 * apart)
+    _, (steepest,) = told(cells, values, Hypothesis("grade", field=True))
+    assert steepest.value == pytest.approx(0.04, rel=0.03)
 
 
 def test_squares_hold_a_vector_for_an_odd_field() -> None:
@@ -495,7 +509,7 @@ def test_a_load_slows_a_truck_in_turns_by_the_share_that_is_said() -> None:
 )
 def test_what_is_near_a_junction_alone_is_no_stretch_of_road(at: int, near: float, told: bool) -> None:
     """Of five cells of 8 m one stands out; for waits (``near`` 0) it may be the first or last."""
-    cells = make_stretches(network())
+    cells = make_stretches(network(), apart=True)
     moment = np.where(np.arange(len(cells)) == at, 10.0, 0.01)
     gain, first, last = _best(moment, np.eye(len(cells)), (-np.inf, np.inf), near, cells, 0, 5)
     assert ((first, last) == (at, at + 1)) is told
@@ -506,7 +520,7 @@ def test_what_is_near_a_junction_alone_is_no_stretch_of_road(at: int, near: floa
 def test_a_run_of_which_more_is_told_by_its_end_at_a_junction_is_no_stretch(alone: float, told: bool) -> None:
     """Ten seconds at 2 m/s lead over three cells, so the second cell seems to have a part of what the first
     has; a run has its own where it explains more than the ``alone`` that its first cell does."""
-    cells = make_stretches(network())
+    cells = make_stretches(network(), apart=True)
     product = np.eye(len(cells)) + 0.5 * (np.eye(len(cells), k=1) + np.eye(len(cells), k=-1))
     moment = np.zeros(len(cells))
     # What two cells explain is (m0 + m1)^2 / 3; what the first alone does, m0^2.
@@ -520,7 +534,7 @@ def test_a_run_of_which_more_is_told_by_its_end_at_a_junction_is_no_stretch(alon
 @pytest.mark.parametrize("reach", [0.2, 0.8])
 def test_a_stretch_that_is_left_at_once_is_touched_by_nobody(reach: float) -> None:
     """Trucks that drive a share of a stretch and are on the next road then are on their way over a junction."""
-    cells = make_stretches(network())
+    cells = make_stretches(network(), apart=True)
     x = np.arange(0.0, 8.0 * (2.0 + reach), 0.1)
     edge = np.zeros(len(x), np.int32)
     motion = Motion.of(len(x), x=x, y=0.0 * x, edge=edge, edge_offset=x, speed=np.ones(len(x)))
@@ -559,7 +573,7 @@ def test_a_field_beside_junctions_alone_is_none(
 ) -> None:
     """Of five cells of 8 m some stand out; waits often are where roads meet."""
     monkeypatch.setattr(finish, "size_of", lambda *_: SimpleNamespace(verified=size))
-    stretches = make_stretches(network())
+    stretches = make_stretches(network(), apart=True)
     deviation = np.full(len(stretches), 0.003)
     deviation[list(large)] = list(large.values())
     passes = np.arange(len(stretches)) < 5
@@ -753,10 +767,10 @@ def test_a_stretch_gains_no_more_than_a_plausible_value_of_it() -> None:
 
 def test_what_lies_beside_a_junction_alone_is_no_place_of_a_field_that_lies_elsewhere_too() -> None:
     """Of a road of five stretches the third and the fifth stand out; if only the fifth does, it is the place."""
-    cells, seen = make_stretches(network()), np.full(10, 10)
+    cells, seen = make_stretches(network(), apart=True), np.full(20, 10)
     for large, named in (([2, 4], [(2, 2)]), ([4], [(4, 4)]), ([3, 4], [(3, 4)])):
-        deviation = np.where(np.isin(np.arange(10), large), 1.5, 0.0)
-        values = Values(deviation, seen, np.eye(10), 1e-4 * np.eye(10))
+        deviation = np.where(np.isin(np.arange(20), large), 1.5, 0.0)
+        values = Values(deviation, seen, np.eye(20), 1e-4 * np.eye(20))
         where, _ = told(cells, values, Hypothesis("surface_resistance", field=True))
         assert where is not None
         assert [(r["from"], r["to"]) for r in where["edges"]] == [

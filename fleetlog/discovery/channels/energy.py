@@ -182,8 +182,7 @@ class EnergyChannel(Channel):
             swings += np.bincount(road, (sure * ripple) ** 2, len(swings))
             energy += np.bincount(road, (sure * unit.recorded[use]) ** 2, len(swings))
         worst = np.argsort(-swings)[:MOST_HUNTED]
-        material = RIPPLE.most**2 * swings > self.place_error**2 * energy
-        return tuple(int(r) for r in worst if material[r])
+        return tuple(int(r) for r in worst if RIPPLE.most**2 * swings[r] > self.place_error**2 * energy[r])
 
     def _thinned(self, unit: Unit, rare: Block) -> Floats:
         """(W,) the residual of the nominal model [kJ] on every second row alone, less that on all rows."""
@@ -296,9 +295,7 @@ class EnergyChannel(Channel):
 
     def rests(self, unit: Unit) -> Mask:
         """Return the windows, (W,), in which nothing moves; none of a charge, which is too coarse."""
-        if self.name != "battery_power":
-            return super().rests(unit)
-        return _at_rest(unit.own)
+        return _at_rest(unit.own) if self.name == "battery_power" else super().rests(unit)
 
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load, pace, time and nominal energy: what makes two windows alike."""

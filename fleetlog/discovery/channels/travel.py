@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.words import count
 from fleetlog.discovery.channels import paths
 from fleetlog.discovery.channels.base import About, Channel, Columns, R, Unit
 from fleetlog.discovery.channels.paths import Laid, Lost, Passed, Path
@@ -196,6 +197,8 @@ class TravelChannel(Channel):
         self.turns = measure([one for turns, _ in told for one in turns], self.fleet.truck)
         stops, *by_place = np.sum([stood for _, stood in told], axis=0)
         self.waits = Waits(self.lanes, stops, np.array(by_place))
+        if alone := int(stops[~self.waits.here[self.waits.place]].sum()):
+            self.notes = [f"speed: left out {count(alone, 'stop')} where trucks do not wait otherwise"]
         self._learnt = True
 
     def numbers(self, date: int) -> list[int]:
@@ -222,6 +225,8 @@ class TravelChannel(Channel):
         share = path.passages(place, self.waits.size)[2] * here
         # Driving slowly is no standing: where trucks wait, of who stood only that counts.
         stood = whole & (path.summed(path.standing * here) > 0.0)
+        # Where nobody else waits, it is no time of the road.
+        whole = whole & (stood | (path.summed(path.standing) == 0.0))
         apart = (path.apart & (path.summed(here.astype(float)) > 0.0) | stood) & path.alone(place)
         path = replace(path, motion=path.motion.replaced(curvature=driven), share=share, apart=apart)
         nominal = self.about(path, self.base)

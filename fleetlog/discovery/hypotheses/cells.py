@@ -15,10 +15,10 @@ from fleetlog.core.network import Network
 
 Part = tuple[Index, Floats]  # (N,) number of a field's value, -1 for none, and (N,) its weight
 
-LENGTH = 8.0  # Of a stretch, before edges are divided evenly [m]
-REACH = 40.0  # Distance over which neighbouring stretches of one road resemble each other, in the prior [m]
-MOST = 300  # More stretches than this are made longer instead: products of their columns are kept by fold
-SMALLEST = 8.0  # Side of a square [m]
+LENGTH = 4.0  # Of a stretch, before edges are divided evenly [m]
+REACH, NEAR = 40.0, 8.0  # Distances over which stretches of one road resemble each other, in the prior [m]
+MOST = 600  # More are made longer instead: products of modes, some half as many, are kept by fold
+SMALLEST = 8.0  # Side of a square, and length of stretches that say nothing of each other [m]
 MOST_SQUARES = 350  # More squares than this are made larger instead
 ALIKE = 3.0  # Distance over which neighbours resemble each other, in sides of a square
 LARGE = 0.35
@@ -170,19 +170,19 @@ class Stretches(Cells):
         return np.cos(heading), np.sin(heading)
 
     def _root(self) -> Floats:
-        """An own part, and one shared with neighbours on the same road."""
+        """A part shared along the road, and one shared with what is near."""
         same = self.road_edge[:, None] == self.road_edge[None, :]
         middle = (self.start + self.end) / 2.0
-        near = np.exp(-np.abs(middle[:, None] - middle[None, :]) / REACH)
-        shared = 0.9 * np.where(same, near, 0.0) if self.alike else 0.9 * np.eye(len(self))
-        return np.asarray(np.linalg.cholesky(0.1 * np.eye(len(self)) + shared), dtype=np.float64)
+        apart = np.where(same, np.abs(middle[:, None] - middle[None, :]), np.inf)
+        near = 0.1 * np.exp(-apart / NEAR) + 0.9 * np.exp(-apart / REACH)
+        return _modes(near) if self.alike else np.eye(len(self))
 
 
 def make_stretches(network: Network, *, apart: bool = False) -> Stretches:
     """Stretches of all roads of a network; ``apart``: each direction of a road has its own."""
     forward = (network.reverse < 0) | (np.arange(len(network)) < network.reverse) | apart
-    length = LENGTH
-    while np.ceil(network.length[forward] / length).sum() > MOST:
+    length, most = (SMALLEST, MOST // 2) if apart else (LENGTH, MOST)
+    while np.ceil(network.length[forward] / length).sum() > most:
         length *= 1.3
     count = np.maximum(1, np.rint(network.length / length)).astype(np.int32)
     own = np.flatnonzero(forward)
@@ -234,13 +234,19 @@ class Squares(Cells):
         return np.tile([1.0, 0.0], len(self)), np.tile([0.0, 1.0], len(self))
 
     def _root(self) -> Floats:
-        """Neighbours resembling each other, but for the finest modes."""
+        """Neighbours resembling each other."""
         apart = np.hypot(*(self.middle[:, None, :] - self.middle[None, :, :]).transpose(2, 0, 1))
-        size, mode = np.linalg.eigh(np.exp(-apart / (ALIKE * self.side)))
-        size, mode = size[::-1], mode[:, ::-1]
-        count = int(np.searchsorted(np.cumsum(size), COARSE * size.sum())) + 1
-        one = mode[:, :count] * np.sqrt(np.maximum(size[:count], 0.0))
+        one = _modes(np.exp(-apart / (ALIKE * self.side)))
         return np.asarray(np.kron(one, np.eye(2)) if self.odd else one)
+
+
+def _modes(covariance: Floats) -> Floats:
+    """Return the root of the (n, n) prior covariance of values, (n, modes), but for its finest modes."""
+    size, mode = np.linalg.eigh(covariance)
+    down = size[::-1]
+    least = down[np.searchsorted(np.cumsum(down), COARSE * down.sum())]
+    kept = size >= least * (1.0 - 1e-9)  # Of roads that are alike, all or none
+    return np.asarray(mode[:, kept] * np.sqrt(size[kept]))
 
 
 def _key(x: Floats, y: Floats, side: float) -> Ints:
@@ -261,5 +267,4 @@ def make_squares(x: Floats, y: Floats) -> Squares | None:
     keys, first = np.unique(_key(x, y, side), return_index=True)
     if len(keys) < 4:
         return None
-    middle = (np.floor(np.stack([x[first], y[first]], axis=1) / side) + 0.5) * side
-    return Squares(middle, side, keys)
+    return Squares((np.floor(np.stack([x[first], y[first]], axis=1) / side) + 0.5) * side, side, keys)

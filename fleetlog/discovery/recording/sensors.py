@@ -229,8 +229,7 @@ def _best_shift(block: Block, power: Floats, piece: slice, train: Mask, step: fl
     late = max(shifted(s) for s in shift * INTERVALS)
     left = [float(np.sqrt(max(1.0 - c**2, 0.0))) for c in (shifted(0.0), late, max(averaged))]
     interval = float(intervals[int(np.argmax(averaged))])
-    lag = 0.5 * interval if left[2] < left[1] else shift
-    return _Look(lag, left[0], left[1], interval, left[2])
+    return _Look(0.5 * interval if left[2] < left[1] else shift, left[0], left[1], interval, left[2])
 
 
 def _load_runs_with_power(fleet: Fleet) -> bool:

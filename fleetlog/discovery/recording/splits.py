@@ -80,8 +80,7 @@ class Split:
 
     def slow_fold(self, w: Windows) -> Ints:
         """Return the fold of the stretch of hours of every window, (W,)."""
-        stretch = w.vehicle * 1_000_003 + (w.time // self.slow).astype(np.int64)
-        return _mixed(stretch) % self.folds
+        return _mixed(w.vehicle * 1_000_003 + (w.time // self.slow).astype(np.int64)) % self.folds
 
 
 @lru_cache(4096)
@@ -140,5 +139,4 @@ def trips_apart(days: Sequence[Day]) -> tuple[tuple[int, int], ...]:
     if any({"x", "edge_id"} & d.known for d in days):
         return ()
     trips = tuple(sorted({(d.vehicle, int(k)) for d in days for k in d.trips}))
-    seconds = sum(d.driven for d in days)
-    return trips if FEW <= len(trips) <= MANY and seconds > LONG * len(trips) else ()
+    return trips if FEW <= len(trips) <= MANY and sum(d.driven for d in days) > LONG * len(trips) else ()

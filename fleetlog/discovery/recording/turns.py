@@ -188,8 +188,7 @@ def _slowest(driven: Floats, truck: Truck, bend: Slow) -> Slow:
     middle, half, speed = bend
     inner = [float(at) for at in PLACES if abs(at - middle) < half]
     tried = [bend, *((at, h, speed) for h in HALVES if h < half for at in inner)]
-    fastest = np.nanmax(driven, initial=speed)
-    return _likest(driven, truck, fastest, tried)
+    return _likest(driven, truck, np.nanmax(driven, initial=speed), tried)
 
 
 def _likest(driven: Floats, truck: Truck, known: float | Floats, tried: list[Slow]) -> Slow:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from fleetlog.core.arrays import Floats, Indices, Ints, Mask
 from fleetlog.discovery.hypotheses.cells import LARGE, Cells, Squares, Stretches
@@ -16,6 +17,7 @@ from fleetlog.physics.term import Parameter as Definition
 from fleetlog.physics.term import Term
 
 FREE = Definition("free", "", -np.inf, np.inf)  # What a place has of its own, in watts or a share of the time
+PART = 12.0  # Of a road: windows hardly tell stretches that are nearer from one another [m]
 FEW = 3  # Windows that must touch a piece before it may be named
 DRAWS = 400  # Of the field, for what picking the largest of its values costs
 
@@ -58,11 +60,13 @@ def large(v: Values) -> Mask:
     return np.asarray(sure & (size >= least))
 
 
-def together(cells: Stretches, v: Values, mask: Mask) -> Mask:
-    """The same, and as large values beside each other that stand out together: the pieces of a road are
+def together(cells: Cells, v: Values) -> Mask:
+    """The same, and on roads as large values beside each other that stand out together: pieces of a road are
     hardly told from one another, so that each may be uncertain where all of them are not."""
-    size, known, out = np.abs(v.deviation), v.samples >= FEW, mask.copy()
-    top = np.quantile(size[mask], 0.9) if mask.any() else size[known].max(initial=0.0)
+    size, known, out = np.abs(v.deviation), v.samples >= FEW, large(v)
+    if not isinstance(cells, Stretches):
+        return out
+    top = np.quantile(size[out], 0.9) if out.any() else size[known].max(initial=0.0)
     for run in cells.runs(known & (size >= LARGE * top), np.sign(v.deviation)):
         mean, error = v.of(run)
         out[run] |= abs(mean) > NORMAL * error
@@ -74,9 +78,8 @@ def told(cells: Cells, v: Values, h: Hypothesis) -> tuple[dict[str, Any] | None,
     if v.deviation.size > len(cells):  # Vectors: their length, in their direction
         way = v.deviation.reshape(-1, 2)
         v = v.along(way / np.maximum(np.hypot(*way.T), 1e-12)[:, None])
-    mask = large(v)
+    mask = large(v) if h.waits else together(cells, v)
     if isinstance(cells, Stretches) and not h.waits:
-        mask = together(cells, v, mask)
         # Where trucks leave one road for the next, what is told may be of either.
         inner = cells.inner(mask, np.sign(v.deviation), REACH)
         mask = inner if inner.any() else mask
@@ -95,11 +98,17 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
         mask = sure if (sure := mask & large(v)).any() else mask
         none, chance = np.zeros(len(v.covariance)), np.random.default_rng(0)
         draws = chance.multivariate_normal(none, v.covariance, DRAWS, method="eigh")
-        largest = np.abs(v.deviation[mask] + draws @ v.basis[mask].T).max(axis=1)
+        parts = [np.flatnonzero(mask)[:, None]]
+        if isinstance(cells, Stretches):
+            count = max(1, round(PART / float(np.mean(cells.end - cells.start))))
+            runs = cells.runs(mask, np.sign(v.deviation))
+            parts = [sliding_window_view(r, min(len(r), count)) for r in runs]
+        here, basis = (np.concatenate([of[p].mean(axis=1) for p in parts]) for of in (v.deviation, v.basis))
+        largest = np.abs(here + draws @ basis.T).max(axis=1)
         low, middle, high = np.quantile(largest, [0.025, 0.5, 0.975])
         # The largest of many uncertain values is too large by what one more error of the same size adds;
         # where that is more than it, nothing is known of the largest but the likeliest.
-        likeliest = float(np.abs(v.deviation[mask]).max())
+        likeliest = float(np.abs(here).max())
         value = less if (less := 2.0 * likeliest - float(middle)) > 0.0 else likeliest
         below, above = max(value + float(low - middle), 0.0), value + float(high - middle)
         return Parameter(term.extreme or first.name, value, below, above, first.unit)

@@ -128,9 +128,8 @@ class Verdict:
         """``found``, ``none`` or ``unknown``."""
         if self.unexplained or any(f.term == "unknown" for f in self.findings):
             return "unknown"
-        if self.findings:
-            return "found"
-        return "none" if any(c.judged for c in self.channels) else "unknown"
+        judged = "none" if any(c.judged for c in self.channels) else "unknown"
+        return "found" if self.findings else judged
 
     @property
     def passes(self) -> bool:

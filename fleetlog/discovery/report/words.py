@@ -119,8 +119,8 @@ def slight(term: str | None, depends_on: Sequence[str], share: float, least: flo
 
 
 def unseen(depends_on: Sequence[str]) -> str:
-    """Return the sentence of a mismatch that is no finding: trips that nothing has read do not show it."""
-    return f"some trips differ by what depends on {_named(depends_on)}, but the trips held out do not show it"
+    """Return the sentence of a mismatch that is no finding: unseen trips do not show it, or no place."""
+    return f"some trips differ by what depends on {_named(depends_on)}, but too little for a finding"
 
 
 def _named(depends_on: Sequence[str]) -> str:

@@ -65,8 +65,7 @@ class Design:
         """Return what the share that it is scaled by costs: log width of the prior by number that is told."""
         which = np.array([a.of_truck_file for a in self.atoms])
         spread = np.diag(inverse(stiff(normal.gram.sum(axis=0), self.prior)))
-        known = np.clip(1.0 - self.prior.precision * spread, 0.0, 1.0)
-        return float(known[which].sum() * np.log(share))
+        return float(np.clip(1.0 - self.prior.precision * spread, 0.0, 1.0)[which].sum() * np.log(share))
 
     def normal(self, sums: Sums, slow: bool = False) -> Normal:
         """Return the products of the coefficients' columns by fold (of stretches of hours where ``slow``)."""

@@ -147,8 +147,12 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     # The model may be off by its own error in all windows alike: by so much all numbers move together.
     out += np.outer(bread @ shift, bread @ shift)
     # The model's own error differs from place to place, so each place may be off by it alone.
-    placed = np.array([a.owner is not None and bool(a.owner.patterns) for a in design.atoms])
-    out += np.diag(np.where(placed, np.diag(bread) * shift, 0.0) ** 2)
+    for h in (h for h in joint.chosen if h.patterns):
+        own = [a.owner == h for a in design.atoms]
+        each = (
+            bread[:, own] * shift[own] @ np.array([p.weights / np.linalg.norm(p.weights) for p in h.patterns])
+        )
+        out += each @ each.T
     return np.asarray(out)
 
 
