@@ -266,11 +266,16 @@ def fields_of(
     found = Fields([*names], profile or Profile(), report, time=time)
     found.take_profile()
     meanings = {n: m for n in found.names if n not in found.used and (m := _units.recognise(n))}
-    # Where another column names the vehicle, "id" is the row's; a time that says UTC goes before others.
-    claim = {n: (_units.normal(n) == "id", not m.exact, "utc" not in n.lower()) for n, m in meanings.items()}
+    # Where another column names the vehicle, "id" is the row's, "t" any; a time that says UTC goes before others.
+    claim = {n: (_units.normal(n) in ("id", "t"), not m.exact, "utc" not in n.lower()) for n, m in meanings.items()}
     for name in sorted(meanings, key=claim.__getitem__):
         found.take(name, meanings[name])
-    found.kept = [n for n in found.names if n not in found.used] if found.profile.keep else []
+    free = [n for n in found.names if n not in found.used]
+    for name in free:
+        if (target := _units.nearly(name)) and target not in found.columns:
+            what = f"{name!r} could be the {target}, of a unit or sense that is not known"
+            report.note(f"{what}: kept under its own name (a profile says what it is)")
+    found.kept = free if found.profile.keep else []
     return found
 
 

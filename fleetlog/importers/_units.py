@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+import unicodedata
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
@@ -29,8 +30,8 @@ class Unit:
 
     def to_si(self, values: Floats) -> Floats:
         """Values in SI; angles within -pi and pi, compass angles turned into the site's sense."""
-        if self.name == "compass_deg":
-            values = 90.0 - values
+        if self.name.startswith("compass"):
+            values = np.pi / 2.0 / self.factor - values
         if self.name == "ddmm":
             whole = np.trunc(values / 100.0)  # dddmm.mmmm, as NMEA 0183 has it
             values = whole + (values - 100.0 * whole) / 60.0
@@ -73,7 +74,7 @@ def si_unit(column: str) -> Unit:
 
 _BY_SPELLING = {s: name for name, words in _TEXT["columns"].items() for s in [name, *words.split()]}
 _BY_SPELLING.update({n: n for n in NAMES})
-_COMPASS = frozenset(["course", "cog", "bearing", "track", "course_over_ground"])
+_COMPASS = frozenset(_TEXT["compass"]["words"].split())
 EPOCH_UNITS = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}  # Microseconds in one unit
 _EPOCH_ALIASES = {alias: name for name, words in _TEXT["epoch"].items() for alias in words.split()}
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
@@ -91,9 +92,10 @@ class Meaning:
 
 
 def normal(name: str) -> str:
-    """Lower case, joined by underscores: ``Battery Power``, ``batteryPower`` give ``battery_power``."""
+    """Lower case without accents, joined by underscores: ``batteryPower``, ``Bàttery Power``: battery_power."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", "_", name.strip())
-    return re.sub(r"[^0-9a-z]+", "_", spaced.lower()).strip("_")
+    plain = re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFKD", spaced.casefold()))
+    return re.sub(r"[^0-9a-z]+", "_", plain).strip("_")
 
 
 def recognise(name: str) -> Meaning | None:
@@ -110,6 +112,12 @@ def recognise(name: str) -> Meaning | None:
     return None
 
 
+def nearly(name: str) -> str | None:
+    """The column that ``name`` would be, were what stands behind it in brackets (or its degrees) known."""
+    front = bracket[1] if (bracket := _BRACKETS.match(name)) else re.sub(r"(?i)_deg(rees)?$", "", name)
+    return _BY_SPELLING.get(normal(front)) if front != name else None
+
+
 def _plain(spelling: str, *, exact: bool = False) -> Meaning:
     column = _BY_SPELLING[spelling]
     return Meaning(column, find_unit("compass_deg", "angle") if spelling in _COMPASS else None, exact=exact)
@@ -122,10 +130,11 @@ def _with_unit(spelling: str, text: str) -> Meaning | None:
         epoch = _EPOCH_ALIASES.get(normal(text))
         known = epoch or normal(text) in ("", "utc", "iso", "iso_8601")
         return Meaning(column, epoch=epoch) if known else None
+    if spelling in _COMPASS:
+        sense = find_unit(text or "deg", "angle")
+        return Meaning(column, find_unit(f"compass_{sense.name}", "angle")) if sense else None
     if column not in KINDS or not text:
         return Meaning(column) if not text else None
-    if spelling in _COMPASS:
-        return _plain(spelling) if normal(text) in ("deg", "degrees", "") or text == "°" else None
     if spelling == "heading" and find_unit(text, "angle") != si_unit("heading"):
         return None  # degrees of the compass or of mathematics: the name does not tell
     unit = find_unit(text, KINDS[column])
