@@ -23,6 +23,7 @@ from fleetlog.importers._open import ReadReport
 from fleetlog.importers._units import EPOCH_UNITS, KINDS, Meaning, Unit, microseconds
 
 _PARTS_OF_DATES = "YyGmbBdjUWVuwaA"
+LAST = ("id", "t")  # Names of a row and of anything, where others tell the vehicle or the time
 TARGETS = (*NAMES, "latitude", "longitude")
 
 
@@ -76,7 +77,8 @@ class Profile:
     @property
     def origin(self) -> int:
         """``time_origin`` in microseconds since 1970 UTC, 0 where there is none."""
-        return 0 if self.time_origin is None else microseconds(self.time_origin, self.zone)
+        zone = self.zone if self.time_format != "days" else None  # those of a spreadsheet are local days
+        return 0 if self.time_origin is None else microseconds(self.time_origin, zone)
 
     @property
     def zone(self) -> ZoneInfo | None:
@@ -122,7 +124,7 @@ def _style(value: Any) -> str:
             if not has_date(style) and set(re.findall("%(.)", style)) & set(_PARTS_OF_DATES):
                 raise Wrong("leaves part of the date out; a date is never made up") from None
             return style
-    raise Wrong("is no time format; write iso, s, ms, us, ns or a strptime format as %d.%m.%Y %H:%M:%S")
+    raise Wrong("is no time format; write iso, s, ms, us, ns, days or a strptime format as %d.%m.%Y %H:%M:%S")
 
 
 def _delimiter(value: Any) -> str:
@@ -139,8 +141,7 @@ def _vehicle(value: Any) -> str:
     return str(value)
 
 
-_SENTINELS = list_of(either(real(), text))
-_NAMES = list_of(text, 1)
+_SENTINELS, _NAMES = list_of(either(real(), text)), list_of(text, 1)
 _FILE: Keys = {
     "delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "comment": text,
     "skip_lines": schema.whole(0), "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle,
@@ -266,15 +267,13 @@ def fields_of(
     found = Fields([*names], profile or Profile(), report, time=time)
     found.take_profile()
     meanings = {n: m for n in found.names if n not in found.used and (m := _units.recognise(n))}
-    # Where another column names the vehicle, "id" is the row's, "t" any; a time that says UTC goes before others.
-    claim = {n: (_units.normal(n) in ("id", "t"), not m.exact, "utc" not in n.lower()) for n, m in meanings.items()}
+    claim = {n: (_units.normal(n) in LAST, not m.exact, "utc" not in n.lower()) for n, m in meanings.items()}
     for name in sorted(meanings, key=claim.__getitem__):
         found.take(name, meanings[name])
     free = [n for n in found.names if n not in found.used]
     for name in free:
         if (target := _units.nearly(name)) and target not in found.columns:
-            what = f"{name!r} could be the {target}, of a unit or sense that is not known"
-            report.note(f"{what}: kept under its own name (a profile says what it is)")
+            report.note(f"{name!r} may be the {target}, in a unit or sense not known: kept as it is")
     found.kept = free if found.profile.keep else []
     return found
 

@@ -20,6 +20,7 @@ from fleetlog.importers._rows import REJECT_TEXT
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject, renamed
 
 Masks = dict[str, Mask]
+GPS = 315_964_800_000_000  # 1980-01-06, from which GPS time counts [us]
 Texts = Callable[[list[int]], list[str]]
 _MUST = (*GEOGRAPHIC, *LOCAL)  # A row whose position is no number is refused; of others only the value is
 
@@ -38,6 +39,10 @@ class Clock:
 
     def times(self, table: pa.Table, vehicle: Labels) -> Ints:
         """(N,) microseconds UTC; ``NONE`` where a cell cannot be read."""
+        time = self._times(table, vehicle)
+        return self.to_utc(time, time != _units.NONE, vehicle) if self.style == "days" else time
+
+    def _times(self, table: pa.Table, vehicle: Labels) -> Ints:
         parts = [table.column(n).combine_chunks() for n in self.names]
         cells = pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
         self.missing = np.asarray(cells.is_null(), dtype=bool)
@@ -113,9 +118,13 @@ class Clock:
         if likely is None or origin is not None or self.unit is not None:
             what = f"the time {middle:.12g} counts {self.unit or 'in an unknown unit'} from an unknown start"
             do = 'state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"'
+            do += ' (days of a spreadsheet: "days", "1899-12-30")' if 25_569 < middle < 73_051 else ""
             raise FormatError(what, where=self.path, do=do)
         why = "no other unit gives a date near ours"
         self.report.recognised[name] = f"timestamp, counted in {likely} from 1970 ({why})"
+        old = middle * _units.EPOCH_UNITS[likely] + GPS < _units.microseconds(datetime.now(UTC))
+        if old and "gps" in name.lower():
+            self.report.note(f"{name!r} is counted from 1970; GPS time, from 1980, needs origin in a profile")
         return likely
 
     def to_utc(self, time: Ints, bare: Mask, vehicle: Labels) -> Ints:
@@ -126,8 +135,7 @@ class Clock:
             otherwise = "(a profile says otherwise: [time] zone = ...)"
             self.report.note(f"the times state no zone: taken as UTC {otherwise}")
             return time
-        names = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes]
-        out = time.copy()
+        names, out = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes], time.copy()
         out[bare] = self.local.to_utc(time[bare], names[bare])
         self.skipped = (time != _units.NONE) & (out == _units.NONE)
         return out
@@ -204,8 +212,7 @@ class TableRows:
     ) -> RawBatch:
         """The rows of a table by their numbers; ``texts`` gives those of some of them as they are written."""
         bad: Masks = {}
-        vehicle = self._vehicles(table)
-        columns = self._columns(table, bad)
+        vehicle, columns = self._vehicles(table), self._columns(table, bad)
         time = self.clock.times(table, vehicle)
         reasons = self._reasons(table, time, vehicle, bad, record)
         keep = reasons.codes < 0
@@ -272,8 +279,7 @@ class TableRows:
         if pa.types.is_null(chunk.type) or pa.types.is_floating(chunk.type):
             known = chunk.cast(pa.float64()).fill_null(np.nan) if chunk.null_count else chunk
             return np.array(known, dtype=np.float64), np.zeros(len(chunk), bool)
-        text = labels_of(chunk)
-        read = degrees if name in self.angles else numbers
+        text, read = labels_of(chunk), degrees if name in self.angles else numbers
         values, wrong = read(pa.array(text.names, pa.string()), self.decimal)
         return np.append(values, np.nan)[text.codes], np.append(wrong, False)[text.codes]
 
@@ -296,9 +302,7 @@ class TableRows:
             moments = labels_of(table.column(self.clock.names[-1])).names
             if 2 < len(found.names) == len(table) == len(moments):  # each row has its own, and its own time
                 self.fields.vehicle, self.fields.kept = None, [*self.fields.kept, name]
-                self.report.recognised[name] = (
-                    f"the row's (each has another), the vehicle is {self.vehicle!r}"
-                )
+                self.report.recognised[name] = f"the row's (each has another): it is of {self.vehicle!r}"
                 return self._vehicles(table)
         if cut := [n for n in found.names if n.strip() and n != n.strip()]:
             self.report.note(f"blanks about vehicle ids are left out, as of {cut[0]!r}")

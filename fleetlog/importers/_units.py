@@ -75,7 +75,7 @@ def si_unit(column: str) -> Unit:
 _BY_SPELLING = {s: name for name, words in _TEXT["columns"].items() for s in [name, *words.split()]}
 _BY_SPELLING.update({n: n for n in NAMES})
 _COMPASS = frozenset(_TEXT["compass"]["words"].split())
-EPOCH_UNITS = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}  # Microseconds in one unit
+EPOCH_UNITS = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3, "days": 8.64e10}  # Microseconds in one unit
 _EPOCH_ALIASES = {alias: name for name, words in _TEXT["epoch"].items() for alias in words.split()}
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
@@ -92,7 +92,7 @@ class Meaning:
 
 
 def normal(name: str) -> str:
-    """Lower case without accents, joined by underscores: ``batteryPower``, ``Bàttery Power``: battery_power."""
+    """Lower case without accents, joined by underscores: ``batteryPower`` gives ``battery_power``."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", "_", name.strip())
     plain = re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFKD", spaced.casefold()))
     return re.sub(r"[^0-9a-z]+", "_", plain).strip("_")
@@ -142,8 +142,7 @@ def _with_unit(spelling: str, text: str) -> Meaning | None:
 
 
 NONE = np.iinfo(np.int64).min  # A time that could not be read
-MISSING = "the time is missing"
-UNREADABLE = "the time cannot be read"
+MISSING, UNREADABLE = "the time is missing", "the time cannot be read"
 OFF_TIME = "the time is outside 1678 to 2262"
 SKIPPED = "a local time that does not exist (the clocks went forward over it)"
 EARLIEST_LOG, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2100 [us]
@@ -172,8 +171,7 @@ class LocalClock:
         second = _epoch(stamps.tz_localize(zone, ambiguous=np.zeros(len(local), bool), nonexistent="NaT"))
         out = np.where(known, first, NONE)
         for row in np.flatnonzero(known & (first != second)).tolist():
-            # the latest time of the same vehicle before this row
-            begin = max(0, row - 1000)
+            begin = max(0, row - 1000)  # the latest time of the same vehicle before this row
             earlier = np.flatnonzero(vehicle[begin:row] == vehicle[row])
             if out[row] < (out[begin + earlier[-1]] if len(earlier) else self.last.get(vehicle[row], NONE)):
                 out[row] = second[row]
@@ -190,15 +188,16 @@ def _epoch(stamps: Any) -> Ints:
 
 
 def epoch_unit(count: float) -> str | None:
-    """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none does."""
-    return next((unit for unit, us in EPOCH_UNITS.items() if EARLIEST_LOG <= count * us <= _LATEST), None)
+    """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none but days does."""
+    units = {k: us for k, us in EPOCH_UNITS.items() if EARLIEST_LOG <= count * us <= _LATEST}
+    return next(iter(units.keys() - {"days"}), None)
 
 
 def from_counts(values: Floats | Ints, unit: str, origin: int = 0) -> Ints:
     """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or out of reach."""
     good = np.abs(values.astype(np.float64)) * EPOCH_UNITS[unit] < LATEST - EARLIEST
     known = np.where(good, values, 0)
-    if values.dtype.kind == "i":
+    if values.dtype.kind == "i" and unit != "days":
         time = known.astype(f"timedelta64[{unit}]").astype("timedelta64[us]").astype(np.int64)
     else:
         time = np.rint(known * EPOCH_UNITS[unit]).astype(np.int64)
@@ -225,8 +224,7 @@ class Days:
     def dated(self, of_day: Ints) -> Ints:
         """Times [us] of times of day; ``NONE`` stays."""
         known = of_day != NONE
-        turns = np.cumsum(np.diff(of_day[known], prepend=self.last) < -DAY // 2)
-        out = of_day.copy()
+        turns, out = np.cumsum(np.diff(of_day[known], prepend=self.last) < -DAY // 2), of_day.copy()
         out[known] += self.first + turns * DAY
         if len(turns):
             self.first, self.last = self.first + int(turns[-1]) * DAY, int(of_day[known][-1])

@@ -19,12 +19,14 @@ from fleetlog.importers._profile import Fields, Profile, fields_of
 from fleetlog.importers._rows import finite
 from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers._units import KINDS, find_unit, normal, recognise
-from fleetlog.importers.base import GEOGRAPHIC, Importer, RawBatch, ReadOptions
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 Cells = list[str]
 DELIMITERS = ",;\t|"
 _COMMA, _POINT = re.compile(r"[+-]?\d*,\d+"), re.compile(r"[+-]?\d*\.\d+")
-DATES, CLOCKS = "date day datum fecha".split(), "time time_of_day clock uhrzeit zeit heure hora".split()
+_QUOTED = re.compile(r"[+-]?\d*,(?!\d{3}$)\d+")  # Before three digits it could set thousands apart
+DATES = ("date", "day", "datum", "fecha")
+CLOCKS = ("time", "time_of_day", "clock", "uhrzeit", "zeit", "heure", "hora")
 BYTE_COST = 2e-8  # To read a byte of a log, which may be packed, about [s]
 SAMPLE = 100  # Rows that tell how many fields a row has
 _OTHERS = ("{", "[", "<", "$", "!", "%PDF", "PK\x03", "\\")
@@ -106,18 +108,19 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
 
 def with_units(names: Cells, below: Cells, profile: Profile) -> Cells | None:
     """The names, each with its unit in brackets, where the line ``below`` them holds units; else None."""
-    units = [cell.strip(" -[]()") for cell in below]
-    known = [recognise(name) for name in names]
-    pairs = [(m, unit) for m, unit in zip(known, units, strict=False) if m and unit]
-    told = (find_unit(unit, KINDS[m.column]) for m, unit in pairs if m.column in KINDS)
-    if len(units) != len(names) or any(finite(u) == finite(u) for u in units) or not any(told):
+    units, out, told = [cell.strip(" -[]()") for cell in below], [*names], False
+    if len(units) != len(names) or any(finite(u) == finite(u) for u in units if u != "1"):
         return None
     own = {*profile.time, *(s.column for s in profile.columns.values())}
-    out = [name if name.strip() in own or not u else f"{name} [{u}]" for name, u in zip(names, units, strict=True)]
-    for i, meaning in enumerate(known):  # what is no unit of its column says nothing of places, times and names
-        measured = meaning and meaning.unit is None and meaning.column in KINDS.keys() - {*GEOGRAPHIC}
-        out[i] = out[i] if recognise(out[i]) or measured else names[i]
-    return out
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        if not unit or name.strip() in own or (meaning := recognise(name)) is None:
+            continue
+        kind, full = KINDS.get(meaning.column, ""), f"{name} [{unit}]"
+        told |= unit != "1" and find_unit(unit, kind) is not None
+        # What is no unit says nothing of a place, a time, a name.
+        if recognise(full) or (meaning.unit is None and kind not in ("", "degrees")):
+            out[i] = full
+    return out if told else None
 
 
 def find_delimiter(lines: list[str]) -> str:
@@ -134,9 +137,8 @@ def find_delimiter(lines: list[str]) -> str:
 def find_decimal(lines: list[str], delimiter: str, report: ReadReport) -> str:
     """The decimal comma where another character separates cells and no figure has a point; noted."""
     cells = [cell.strip() for row in rows_of(lines, delimiter) for cell in row]
-    commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
-    if delimiter == ",":  # the comma of quoted figures: of three digits it could set thousands apart
-        commas = [cell for cell in commas if len(cell.partition(",")[2]) != 3]
+    pattern = _QUOTED if delimiter == "," else _COMMA
+    commas = any(pattern.fullmatch(cell) for cell in cells)
     if not commas or any(_POINT.fullmatch(cell) for cell in cells):
         return "."
     report.note("figures have a decimal comma")

@@ -7,14 +7,14 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fleetlog.core.words import count, reasons, wrong_sign
+from fleetlog.core.words import count, listed, reasons, wrong_sign
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 from fleetlog.importers._open import ReadReport
+from fleetlog.ingest.clean import JUMP
 from fleetlog.ingest.derive import suspect_unit
 from fleetlog.ingest.rows import Rejects
 from fleetlog.store.trips import Columns, contents_of, trips_of
 
-MOST_PACES = 50
 DERIVED, NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text("utf-8")).values()
 
 
@@ -118,6 +118,7 @@ class Outcome:
     filled: Counter[str] = field(default_factory=Counter)  # Single values made from others, by column
     driven_power: dict[str, float] = field(default_factory=dict)  # Sum of rows that drive [W], by vehicle
     paces: list[float] = field(default_factory=list)  # Speeds of the log over those of its positions
+    readings: dict[str, str] = field(default_factory=dict)  # By vehicle, how its headings would fit the way
 
 
 def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
@@ -136,9 +137,14 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     why = "(unknown in the log, or rejected)"
     summary.notes += [f"{count(n, *DERIVED[name])} {why}" for name, n in summary.filled.items()]
     found: dict[str, tuple[Any, ...]] = {kind: (number,) for kind, number in counts.items() if number}
-    if unit := suspect_unit(paces[:MOST_PACES]):
+    if (jumps := sum(o.rejects.rows[JUMP] for o in outcomes)) > summary.rows // 10:
+        found["jumps"] = (jumps,)  # a receiver's are single rows
+    if unit := suspect_unit(paces):
         found["pace"] = unit[::-1]
     summary.notes += [text.format(*found[kind]) for kind, text in NOTES.items() if kind in found]
+    for reading in sorted({r for o in outcomes for r in o.readings.values()}):
+        whose = listed([v for o in outcomes for v, r in o.readings.items() if r == reading])
+        summary.notes.append(NOTES["reading"].format(whose, reading))
     if turned := [v for o in outcomes for v, power in o.driven_power.items() if power < 0.0]:
         summary.notes.append(wrong_sign(turned))
     if counts["matched"]:

@@ -42,8 +42,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
         for raw in _list(layout, "nodes"):
             name, p = str(raw.get("nodeId")), raw.get("nodePosition")
             if not isinstance(p, dict):
-                do = "export the layout with positions"
-                raise SiteError("has no position", place=f"node {name}", do=do)
+                raise SiteError("has no position", place=f"node {name}", do="export it with positions")
             if name in kinds:
                 raise SiteError("occurs twice", place=f"node {name}", do="name every node of the file apart")
             kinds[name] = _per_type(raw, "Node")
@@ -123,8 +122,7 @@ def _nurbs(raw: Any) -> Floats:
         raise SiteError(what, do="there must be points + degree + 1 knots in rising order")
     close = ((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any()
     if close or knots[degree] == knots[len(x)] or (weight < LEAST).any():
-        what = f"its knots nearly coincide or leave no curve, or a weight is below {LEAST:g}"
-        raise SiteError(what, do=again)
+        raise SiteError(f"its knots coincide or leave no curve, or a weight is below {LEAST:g}", do=again)
     spline = BSpline(knots, np.column_stack([x * weight, y * weight, weight]), degree)
 
     def at(u: Floats) -> Floats:

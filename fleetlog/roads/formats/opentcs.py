@@ -23,7 +23,7 @@ OPENINGS: dict[str, PlaceKind] = WORDS["kinds"]["opentcs"]
 
 
 def _read(path: Path, options: MapOptions) -> RoadMap:
-    tally = Tally()
+    tally, odd = Tally(), 0
     model = parse_xml(path, "model", tally.notes)
     points = {str(p.get("name")): p for p in model.iterfind("point")}
     spots = Nodes((name, _spot(p)) for name, p in points.items())
@@ -38,6 +38,10 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
                 tally.dropped["locked"] += 1
             else:
                 tally.keep(*directions, shortest=MILLI)
+                straight = float(np.linalg.norm(spots[end] - spots[start]))
+                stated = number(element.get("length", "0")) * MILLI or straight
+                odd += abs(stated - straight) > 0.1 * straight
+    tally.note(odd, "path", "with a length of more than a tenth off the straight line, which is what counts")
     allowed = {str(t.get("name")): _kind([t]) for t in model.iterfind("locationType")}
     for location in model.iterfind("location"):
         links = [link for link in location.iterfind("link") if str(link.get("point")) in spots]
