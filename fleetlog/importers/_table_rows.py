@@ -21,6 +21,7 @@ from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject, renamed
 
 Masks = dict[str, Mask]
 GPS = 315_964_800_000_000  # 1980-01-06, from which GPS time counts [us]
+DOTTED = ("%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S,%f", "%d.%m.%Y %H:%M")
 Texts = Callable[[list[int]], list[str]]
 _MUST = (*GEOGRAPHIC, *LOCAL)  # A row whose position is no number is refused; of others only the value is
 
@@ -34,13 +35,12 @@ class Clock:
         self.unit, self.style = fields.epoch, fields.profile.time_format or ""
         self.local = _units.LocalClock(self.profile.zone) if self.profile.zone else None
         self.days: _units.Days | None = None
-        self.missing: Mask = np.zeros(0, bool)
-        self.skipped: Mask = np.zeros(0, bool)
+        self.missing = self.skipped = np.zeros(0, bool)
 
     def times(self, table: pa.Table, vehicle: Labels) -> Ints:
         """(N,) microseconds UTC; ``NONE`` where a cell cannot be read."""
         time = self._times(table, vehicle)
-        return self.to_utc(time, time != _units.NONE, vehicle) if self.style == "days" else time
+        return self.to_utc(time, time != _units.NONE, vehicle) if self.days or self.style == "days" else time
 
     def _times(self, table: pa.Table, vehicle: Labels) -> Ints:
         parts = [table.column(n).combine_chunks() for n in self.names]
@@ -65,8 +65,7 @@ class Clock:
                     raise FormatError("the times are times of day without a date", where=self.path, do=do)
                 here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
                 self.days = _units.Days(_units.microseconds(datetime(here.year, here.month, here.day)))
-            time = self.days.dated(_units.of_day(cells, self.style))
-            return self.to_utc(time, time != _units.NONE, vehicle)
+            return self.days.dated(_units.of_day(cells, self.style))
         if self.profile.time_origin is not None:
             what, where = "the times have dates of their own", self.profile.path
             raise InputError(what, where=where, place="time.origin", do="leave the origin out")
@@ -95,13 +94,16 @@ class Clock:
         """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""
         if not len(sample := cells.drop_null().slice(0, 1000)):
             return ""
-        figures, _ = numbers(sample)
-        if np.isfinite(figures).mean() > 0.5:
+        if np.isfinite(figures := numbers(sample)[0]).mean() > 0.5:
             return self.decide_count(figures)
         if (_units.of_day(sample, "of day") != _units.NONE).mean() > 0.5:
             return "of day"
         if (_units.from_iso(sample)[0] != _units.NONE).any():
             return "iso"
+        for style in DOTTED:
+            if (_units.from_format(sample, style)[0] != _units.NONE).all():
+                self.report.recognised[self.names[0]] = "timestamp, the day before the month as dots have it"
+                return style
         do = "state its format in a profile (--profile FILE.toml), as [time] format = '%d.%m.%Y %H:%M:%S'"
         shown = str(sample[0])[:60]
         raise FormatError(f"times as {shown!r} can be read in several ways", where=self.path, do=do)
@@ -145,9 +147,7 @@ class Clock:
         if self.local is None:
             return
         self.report.note(f"times are local of {self.local.zone.key}")
-        if self.local.twice:
-            hour = "in an hour that comes twice (clocks went back)"
-            self.report.note(f"{self.local.twice} rows lie {hour}; told apart by their order")
+        self.report.tally(self.local.twice, "row", "of an hour that comes twice, told apart by their order")
 
 
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"

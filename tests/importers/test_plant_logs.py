@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -164,6 +165,20 @@ def test_a_course_in_radians_is_the_heading_of_that_in_degrees(heading: float) -
         meaning = recognise(name)
         assert meaning is not None and meaning.unit is not None
         assert meaning.unit.to_si(np.array([value]))[0] == pytest.approx(heading, abs=1e-9)
+
+
+@pytest.mark.parametrize("style", ["%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S,%f"])
+def test_dates_with_dots_have_the_day_first(tmp_path: Path, style: str) -> None:
+    moments = [datetime.fromtimestamp(START + i, UTC) for i in range(6)]
+    cells = [[m.strftime(style).split()[k] for m in moments] for k in (0, 1)]
+    text = table("Datum;Uhrzeit;x;y", *cells, SPEEDS, SPEEDS, separator=";")
+    batch, report = one(tmp_path / "a.csv", text)
+    assert batch.time.tolist() == [(START + i) * 1_000_000 for i in range(6)]
+    assert "day before the month" in report.recognised["Datum"]
+    batch, _ = one(tmp_path / "b.csv", text, {"time": {"zone": "Europe/Berlin"}})
+    assert batch.time[0] == (START - 3600) * 1_000_000
+    with pytest.raises(FormatError, match="several ways"):  # the month first, or none
+        one(tmp_path / "c.csv", text.replace("02.03.2026", "03.29.2026"))
 
 
 def test_the_days_of_a_spreadsheet(tmp_path: Path) -> None:

@@ -1,9 +1,8 @@
 """openTCS plant models (XML, versions 0.0.2 to 7.0.0): points, paths and locations, in millimetres.
 
-A path is an edge from its source to its destination, and ``-PATH`` the other way round where it may be
-driven in reverse; a locked path is left out.  ``length`` and control points of a layout may differ from the
-straight line: the drawing of a layout is no measure of the floor, so the line is straight.  Locations become
-places by the operations that their type allows.  Source: the schemas of the openTCS project."""
+A path is an edge, and ``-PATH`` the other way round where it may be driven in reverse; a locked one is left
+out.  The drawing of a layout is no measure of the floor, so the line is straight.  Locations become places by
+the operations that their type allows.  Source: the schemas of the openTCS project."""
 
 import math
 from dataclasses import replace
