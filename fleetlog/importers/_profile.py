@@ -38,15 +38,12 @@ class Source:
 
     def known(self, values: Floats) -> Floats:
         """The values, NaN where they mean "missing"."""
-        for sentinel in self.sentinels:
-            if not isinstance(sentinel, str):
-                values = np.where(values == float(sentinel), np.nan, values)
-        return values
+        figures = [float(s) for s in self.sentinels if not isinstance(s, str)]
+        return np.where(np.isin(values, figures), np.nan, values) if figures else values
 
     def to_si(self, values: Floats) -> Floats:
         """The values in SI."""
-        if self.unit is not None:
-            values = self.unit.to_si(values)
+        values = self.unit.to_si(values) if self.unit else values
         return values if self.scale == 1.0 else values * self.scale
 
 

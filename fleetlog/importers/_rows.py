@@ -1,6 +1,7 @@
 """Rows gathered one at a time into batches, and the small conversions that formats share."""
 
 import math
+import re
 import tomllib
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -26,6 +27,7 @@ REJECT_TEXT = 400  # Characters of a rejected record that are kept
 NAN = float("nan")
 _TEXT = tomllib.loads(Path(__file__).with_name("formats.toml").read_text("utf-8"))
 RECOGNISED, NAMES, LACKING, LEFT_OUT, TOPICS = _TEXT.values()
+ZONED = re.compile(r"([zZ]|[+-]\d\d(:?\d\d)?)\s*$")  # The end of a time of day that states its zone
 LIMIT = 1 << 24  # Bytes between two elements of interest; beyond it is no log but an attack or a mistake
 AT_ONCE = 64  # Elements that wait to be dropped, and elements in one that may
 
@@ -46,7 +48,7 @@ class Rows:
     def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
         self._always, self._share = always, share
         self.place = next((pair for pair in (GEOGRAPHIC, LOCAL) if {*pair} <= {*always}), ())
-        self.total = self.rejected = 0  # Rows taken or waiting, and those that were refused so far
+        self.total, self.rejected, self.bare = 0, 0, False  # Rows so far, refused ones; a time without a zone
         self._clear()
 
     def _clear(self) -> None:
@@ -68,6 +70,7 @@ class Rows:
         """One row with its time in ISO 8601."""
         try:
             self.add(vehicle, iso_time(time or ""), record, values, written)
+            self.bare = self.bare or not ZONED.search(time or "")
         except ValueError:
             why = "time is not ISO 8601" if time else "point without a time"
             self.reject(record, why, time or written or values)
@@ -132,6 +135,8 @@ class Records(ABC):
         since = " since the profile's origin" if self.origin else ""
         known = RECOGNISED.get(self.report.format, {})
         self.report.recognised |= {name: meaning.format(since=since) for name, meaning in known.items()}
+        if any(rows.bare for rows in self.tables):
+            self.report.note("the times state no zone: taken as UTC")
         for kind, (noun, why) in LEFT_OUT.get(self.report.format, {}).items():
             self.report.tally(self.seen[kind], noun, why)
 
@@ -210,10 +215,7 @@ def bare(tag: Any) -> str:
 
 def figures(line: bytes, count: int) -> list[float] | None:
     """The ``count`` finite numbers that a line consists of, or None."""
-    try:
-        numbers = [float(cell) for cell in line.split()]
-    except ValueError:
-        return None
+    numbers = [*map(finite, line.split())]
     return numbers if len(numbers) == count and all(map(isfinite, numbers)) else None
 
 

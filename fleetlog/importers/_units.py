@@ -46,7 +46,6 @@ _TEXT = tomllib.loads(Path(__file__).with_name("spellings.toml").read_text(encod
 UNITS = tuple(Unit(name, kind, *si) for kind, units in _TEXT["si"].items() for name, si in units.items())
 MISSING_WORDS = _TEXT["missing"]["words"].split()
 _ALIASES = {alias: name for name, words in _TEXT["units"].items() for alias in words.split()}
-
 KINDS = {c: kind for kind, names in _TEXT["measure"].items() for c in names.split()}  # What each measures
 
 
@@ -146,7 +145,6 @@ MISSING, UNREADABLE = "the time is missing", "the time cannot be read"
 OFF_TIME = "the time is outside 1678 to 2262"
 SKIPPED = "a local time that does not exist (the clocks went forward over it)"
 EARLIEST_LOG, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2100 [us]
-
 EARLIEST, LATEST = -9_214_560_000_000_000, 9_223_286_400_000_000
 """Times that a dataset can hold [us]: 1678-01-01 to 2262-04-11, what nanoseconds in 64 bits can count."""
 OF_DAY = r"^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$"

@@ -76,7 +76,8 @@ def suspect_unit(ratios: list[float]) -> tuple[str, float] | None:
     """The unit that a speed seems to be in, and the usual ratio; None where it fits metres a second."""
     if not ratios:
         return None
-    ratio, units = float(np.median(ratios)), {"km/h": 3.6, "mph": 1 / 0.44704, "kn": 3600 / 1852}
+    ratio = float(np.median(ratios))
+    units = {"km/h": 3.6, "mph": 1 / 0.44704, "kn": 3600 / 1852, "m/s, they in mm": 1e-3}
     near = [name for name, factor in units.items() if abs(ratio / factor - 1.0) < 0.1]
     return (near[0], ratio) if near else None
 

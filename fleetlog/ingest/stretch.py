@@ -166,11 +166,12 @@ class VehicleImport:
         if self.plan.site.network is not None and rows.vehicle_id in self.plan.positioned:
             rows = self._match(rows, self.plan.site.network)
         self.writer.write(with_own_columns(rows, self.plan.own))
-        self.out.counts["stuck"] += int(np.nansum(rows.floats(STUCK)))
-        self.out.counts["held"] += int(np.nansum(rows.floats(HELD)))
-        driven = rows.floats("speed") > STANDING_SPEED
-        watts, powers = float(np.nansum(rows.floats("battery_power")[driven])), self.out.driven_power
-        powers[rows.vehicle_id] = powers.get(rows.vehicle_id, 0.0) + watts
+        speed, powers = rows.floats("speed"), self.out.driven_power
+        power = rows.floats("battery_power")[speed > STANDING_SPEED]
+        stuck, held = (int(np.nansum(rows.floats(name))) for name in (STUCK, HELD))
+        self.out.counts.update(stuck=stuck, held=held, driven=int(np.isfinite(power).sum()))
+        self.out.counts["fast"] += int((speed >= clean.MAX_SPEED).sum())
+        powers[rows.vehicle_id] = powers.get(rows.vehicle_id, 0.0) + float(np.nansum(power))
         derived = self.out.derived.get(rows.vehicle_id, ())
         if "heading" not in derived and (reading := derive.other_reading(rows)):
             self.out.readings.setdefault(rows.vehicle_id, reading)

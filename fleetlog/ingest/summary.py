@@ -111,8 +111,8 @@ class Outcome:
     pieces: list[Columns] = field(default_factory=list)  # Of its trips
     columns: dict[str, str] = field(default_factory=dict)  # The unit of every column
     counts: Counter[str] = field(default_factory=Counter)
-    """Rows ``joined``, ``matched``, ``on_road``, ``kept`` with edges of the log's own, of a ``stuck`` sensor,
-    ``held`` at a repeated position, whose x, y are of an ``other_frame`` than latitude and longitude."""
+    """Rows ``joined``, ``driven`` with a power, ``fast``, ``matched``, ``on_road``, with edges ``kept``,
+    of a ``stuck`` sensor, ``held`` at a repeated position, with x, y of an ``other_frame``."""
     off_map: Counter[str] = field(default_factory=Counter)  # Rows without a road, by reason
     derived: dict[str, list[str]] = field(default_factory=dict)  # Columns made from others, by vehicle
     filled: Counter[str] = field(default_factory=Counter)  # Single values made from others, by column
@@ -136,9 +136,12 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     summary.filled = dict(sorted((+filled).items()))
     why = "(unknown in the log, or rejected)"
     summary.notes += [f"{count(n, *DERIVED[name])} {why}" for name, n in summary.filled.items()]
+    jumps = counts["fast"] + sum(o.rejects.rows[JUMP] for o in outcomes)
+    counts["jumps"] = jumps * (jumps > summary.rows // 10)  # those of a receiver are single rows
     found: dict[str, tuple[Any, ...]] = {kind: (number,) for kind, number in counts.items() if number}
-    if (jumps := sum(o.rejects.rows[JUMP] for o in outcomes)) > summary.rows // 10:
-        found["jumps"] = (jumps,)  # a receiver's are single rows
+    watts = sum(sum(o.driven_power.values()) for o in outcomes) / max(counts["driven"], 1)
+    if 0.0 < watts < 10.0:  # standing, a small vehicle's electronics alone take more
+        found["weak"] = (watts,)
     if unit := suspect_unit(paces):
         found["pace"] = unit[::-1]
     summary.notes += [text.format(*found[kind]) for kind, text in NOTES.items() if kind in found]

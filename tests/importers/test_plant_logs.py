@@ -243,3 +243,10 @@ def test_why_no_message_could_be_used_is_said(tmp_path: Path) -> None:
     with pytest.raises(FormatError) as error:
         messages(tmp_path / "a.jsonl", states(["yesterday"] * 6))
     assert "6 lines rejected, the first for: no timestamp" in error.value.line()
+
+
+@pytest.mark.parametrize(("end", "told"), [("Z", False), ("+01:00", False), ("-0530", False), ("", True)])
+def test_a_track_whose_times_state_no_zone_is_told_of(tmp_path: Path, end: str, told: bool) -> None:
+    points = "".join(f'<trkpt lat="49.9" lon="9.1"><time>{t[:-1]}{end}</time></trkpt>' for t in STAMPS)
+    _, report = one(tmp_path / "a.gpx", f'<gpx version="1.1"><trk><trkseg>{points}</trkseg></trk></gpx>')
+    assert any("no zone" in note for note in report.notes) == told

@@ -22,7 +22,6 @@ from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats.base import WORDS, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
 
 Item = dict[str, Any]
-
 KINDS: dict[str, PlaceKind] = WORDS["kinds"]["lif"]
 CHORD = 0.01  # largest distance [m] of a trajectory from its polyline
 LEAST, APART = 1e-6, 1e-9  # smallest weight of a control point; distance of two knots, as a share of all

@@ -22,7 +22,6 @@ from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import WORDS, MapOptions, Reader, RoadMap, Tally, at, number
 
 Level = dict[str, Any]
-
 MARKS: dict[str, PlaceKind] = WORDS["kinds"]["open-rmf"]
 
 
