@@ -154,7 +154,7 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     if len(errors) == len(files):
         raise errors[0]
     if (stated := _COUNT.search(about)) and whole < int(stated[1]):
-        options.report.damaged(f"{whole:,} of {int(stated[1]):,} messages by metadata.yaml are whole")
+        options.report.damaged(f"{whole:,} of the {int(stated[1]):,} messages by metadata.yaml are whole")
 
 
 def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -175,7 +175,7 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             messages = bag.messages(connections=wanted)
             yield from decoder.batches((c.topic, (time + 500) // 1000, data) for c, time, data in messages)
         if decoder.record < (stated := sum(c.msgcount for c in wanted)):
-            options.report.damaged(f"{decoder.record:,} of {stated:,} messages that the bag counts are in it")
+            options.report.damaged(f"{decoder.record:,} of the {stated:,} messages that it counts are in it")
     except FleetlogError:
         raise
     except Exception as error:

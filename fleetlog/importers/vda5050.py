@@ -68,7 +68,7 @@ class _Vda(Records):
             return
         try:
             time = self._clock.instant(message.get("timestamp"), None)
-        except ValueError:
+        except (ValueError, OverflowError):
             what = "no timestamp in ISO 8601, and none that counts from 1970"
             self.rows.reject(number, what, str(message.get("timestamp")))
             return

@@ -121,7 +121,7 @@ def _nurbs(raw: Any) -> Floats:
         raise SiteError(what, do="there must be points + degree + 1 knots in rising order")
     close = ((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any()
     if close or knots[degree] == knots[len(x)] or (weight < LEAST).any():
-        raise SiteError(f"its knots coincide or leave no curve, or a weight is below {LEAST:g}", do=again)
+        raise SiteError(f"knots nearly coincide or leave no curve, or a weight is below {LEAST:g}", do=again)
     spline = BSpline(knots, np.column_stack([x * weight, y * weight, weight]), degree)
 
     def at(u: Floats) -> Floats:
