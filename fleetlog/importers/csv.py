@@ -55,7 +55,8 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     report.take(block.report)
     if reader.fields.vehicle is None and options.vehicle is None:
         named = f"every row is of vehicle {options.name!r}, after the file's name"
-        report.note(f"no column of vehicle ids: {named} (a profile names one: [columns] vehicle_id = ...)")
+        others = ", ".join(map(repr, reader.fields.kept[:5])) or "others"
+        report.note(f"no column of vehicle ids: {named} (a profile says if {others} is it: vehicle_id = ...)")
     rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
     parts, cost = chain([block] if block.text else [], source), BYTE_COST * path.stat().st_size
     for block, table, lines, rejects in engines.current().stream(lambda b: (b, *reader.read(b)), parts, cost):

@@ -250,3 +250,19 @@ def test_a_track_whose_times_state_no_zone_is_told_of(tmp_path: Path, end: str, 
     points = "".join(f'<trkpt lat="49.9" lon="9.1"><time>{t[:-1]}{end}</time></trkpt>' for t in STAMPS)
     _, report = one(tmp_path / "a.gpx", f'<gpx version="1.1"><trk><trkseg>{points}</trkseg></trk></gpx>')
     assert any("no zone" in note for note in report.notes) == told
+
+
+@pytest.mark.parametrize(("most", "told"), [(0, False), (1, True), (0.8, True), (800, False)])
+def test_a_load_that_is_a_flag_or_in_tonnes_is_asked_for(tmp_path: Path, most: float, told: bool) -> None:
+    loads = [0, most, 0, most, 0, 0]
+    _, report = one(tmp_path / "a.csv", table("AGV,time,x,y,load", ["A"] * 6, STAMPS, SPEEDS, SPEEDS, loads))
+    assert any("at most 1 kg" in note for note in report.notes) == told
+    _, report = one(
+        tmp_path / "b.csv", table("AGV,time,x,y,load_t", ["A"] * 6, STAMPS, SPEEDS, SPEEDS, loads)
+    )
+    assert not report.notes
+
+
+def test_where_no_column_is_the_vehicle_those_that_may_be_are_named(tmp_path: Path) -> None:
+    _, report = one(tmp_path / "a.csv", table("tug,time,x,y", ["A", "B"] * 3, STAMPS, SPEEDS, SPEEDS))
+    assert any("no column of vehicle ids" in note and "'tug'" in note for note in report.notes)
