@@ -292,9 +292,7 @@ class TableRows:
                 self.report.recognised[source.column] = "soc, from % (it goes beyond 1)"
             values = values / 100.0 if self._percent else values
         if target == "payload" and source.unit is None and 0.0 < np.nanmax(values, initial=0.0) <= 1.0:
-            self.report.note(
-                f"{source.column!r} is at most 1 kg: if it is in t, or a flag, a profile says so"
-            )
+            self.report.note(f"{source.column!r} is at most 1 kg: if it is a flag or in t, a profile says it")
         values = source.to_si(values)
         return _units.si_unit(target).to_si(values) if target == "heading" else values
 
