@@ -20,10 +20,9 @@ from fleetlog.core.site import MapFrame, crs, map_frames
 from fleetlog.errors import InputError
 from fleetlog.importers import _units
 from fleetlog.importers._open import ReadReport
-from fleetlog.importers._units import EPOCH_UNITS, KINDS, Meaning, Unit, microseconds
+from fleetlog.importers._units import EPOCH_UNITS, KINDS, LAST, Meaning, Unit, microseconds
 
 _PARTS_OF_DATES = "YyGmbBdjUWVuwaA"
-LAST = ("id", "t")  # Names of a row and of anything, where others tell the vehicle or the time
 TARGETS = (*NAMES, "latitude", "longitude")
 
 

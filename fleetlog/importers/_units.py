@@ -73,7 +73,7 @@ def si_unit(column: str) -> Unit:
 
 _BY_SPELLING = {s: name for name, words in _TEXT["columns"].items() for s in [name, *words.split()]}
 _BY_SPELLING.update({n: n for n in NAMES})
-_COMPASS = frozenset(_TEXT["compass"]["words"].split())
+_COMPASS, LAST = (frozenset(_TEXT[kind]["words"].split()) for kind in ("compass", "last"))
 EPOCH_UNITS = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3, "days": 8.64e10}  # Microseconds in one unit
 _EPOCH_ALIASES = {alias: name for name, words in _TEXT["epoch"].items() for alias in words.split()}
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")

@@ -66,11 +66,12 @@ class _Vda(Records):
         if position is None and battery is None:
             self._other(message)
             return
+        stamp = message.get("timestamp")
         try:
-            time = self._clock.instant(message.get("timestamp"), None)
+            time = self._clock.instant(int(stamp) if str(stamp).isdigit() else stamp, None)
         except (ValueError, OverflowError):
             what = "no timestamp in ISO 8601, and none that counts from 1970"
-            self.rows.reject(number, what, str(message.get("timestamp")))
+            self.rows.reject(number, what, str(stamp))
             return
         vehicle = self._name(message)
         if isinstance(loads := message.get("loads"), list):  # a load without a weight: the sum is unknown

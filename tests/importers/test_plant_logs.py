@@ -154,6 +154,15 @@ def test_t_is_a_time_only_where_no_other_column_is(tmp_path: Path) -> None:
     assert batch.time[0] == START * 1_000_000 and batch.columns["T"].tolist() == [21.5] * 6
 
 
+def test_names_that_may_mean_anything_give_way(tmp_path: Path) -> None:
+    local = [s.replace("T05", " 06").rstrip("Z") for s in STAMPS]
+    cells = [local, ["km"] * 6, STAMPS, ["A"] * 6, SPEEDS, SPEEDS]
+    batch, _ = one(tmp_path / "a.csv", table("local_time,unit,time,truck,x,y", *cells))
+    assert (batch.time[0], batch.vehicle.strings()) == (START * 1_000_000, ["A"] * 6)
+    batch, report = one(tmp_path / "b.csv", table("local_time,unit,x,y", local, ["A"] * 6, SPEEDS, SPEEDS))
+    assert batch.vehicle.strings() == ["A"] * 6 and any("no zone" in note for note in report.notes)
+
+
 @given(st.floats(-3.1, 3.1))
 def test_a_course_in_radians_is_the_heading_of_that_in_degrees(heading: float) -> None:
     course = math.pi / 2 - heading
@@ -227,7 +236,9 @@ def messages(path: Path, text: str) -> tuple[list[RawBatch], ReadReport]:
 def test_messages_whose_stamps_count_are_those_with_dates(tmp_path: Path, factor: int) -> None:
     plain, _ = messages(tmp_path / "a.jsonl", states(STAMPS))
     counted, _ = messages(tmp_path / "b.jsonl", states([(START + i) * factor for i in range(6)]))
+    texts, _ = messages(tmp_path / "c.jsonl", states([str((START + i) * factor) for i in range(6)]))
     assert [b.time.tolist() for b in counted] == [b.time.tolist() for b in plain]
+    assert [b.time.tolist() for b in texts] == [b.time.tolist() for b in plain]
 
 
 def test_messages_in_degrees_or_shares_are_said(tmp_path: Path) -> None:
