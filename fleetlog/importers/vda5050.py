@@ -66,7 +66,7 @@ class _Vda(Records):
         if position is None and battery is None:
             self._other(message)
             return
-        stamp = message.get("timestamp")
+        stamp: Any = message.get("timestamp")
         try:
             time = self._clock.instant(int(stamp) if str(stamp).isdigit() else stamp, None)
         except (ValueError, OverflowError):
