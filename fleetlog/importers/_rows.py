@@ -58,7 +58,7 @@ class Rows:
     def add(self, vehicle: str, time: int, record: int, values: Row, written: object = None) -> None:
         """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null. It is
         rejected, as it was ``written``, where its place is no number or its time off."""
-        if not all(isfinite(values.get(name, NAN)) for name in self.place):
+        if not isfinite(sum([values.get(name, NAN) for name in self.place])):
             self.reject(record, f"{' or '.join(self.place)} is not a number", written or values)
         elif not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
@@ -70,7 +70,7 @@ class Rows:
         """One row with its time in ISO 8601."""
         try:
             self.add(vehicle, iso_time(time or ""), record, values, written)
-            self.bare = self.bare or not ZONED.search(time or "")
+            self.bare |= str(time)[-1] not in "zZ" and not ZONED.search(str(time))
         except ValueError:
             why = "time is not ISO 8601" if time else "point without a time"
             self.reject(record, why, time or written or values)

@@ -32,10 +32,12 @@ class _Gpx(Elements):
             ours = (point.getroottree().getroot().get("creator") or "").startswith("fleetlog")
             self._vehicle = track if track and ours and self.options.vehicle is None else self.vehicle
         values: dict[str, Any] = {"latitude": finite(point.get("lat")), "longitude": finite(point.get("lon"))}
-        for leaf in point:
-            if not _known(values, bare(leaf.tag), leaf.text) and len(leaf):
+        leaves = {bare(leaf.tag): leaf for leaf in point}
+        for name, leaf in leaves.items():
+            if name != "time" and not _known(values, name, leaf.text) and len(leaf):
                 _extend(values, leaf)
-        self.rows.add_iso(self._vehicle, point.findtext("{*}time"), number, values, point.attrib)
+        time = getattr(leaves.get("time"), "text", None)
+        self.rows.add_iso(self._vehicle, time, number, values, point.attrib)
 
     def nothing(self) -> tuple[str, str]:
         others = [count(self.seen[t], noun) for t, (noun, _) in LEFT_OUT["gpx"].items() if self.seen[t]]

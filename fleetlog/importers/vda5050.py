@@ -70,8 +70,7 @@ class _Vda(Records):
         try:
             time = self._clock.instant(int(stamp) if str(stamp).isdigit() else stamp, None)
         except (ValueError, OverflowError):
-            what = "no timestamp in ISO 8601, and none that counts from 1970"
-            self.rows.reject(number, what, str(stamp))
+            self.rows.reject(number, "no timestamp in ISO 8601, or that counts from 1970", str(stamp))
             return
         vehicle = self._name(message)
         if isinstance(loads := message.get("loads"), list):  # a load without a weight: the sum is unknown
