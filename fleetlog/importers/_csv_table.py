@@ -24,8 +24,7 @@ from fleetlog.importers._open import HEAD, ReadReport, open_bytes
 from fleetlog.importers._profile import Fields
 from fleetlog.importers.base import GEOGRAPHIC, Reject
 
-SIZE = 8 << 20  # Bytes in a block
-LONGEST = 8 << 20  # Bytes in a line
+SIZE = LONGEST = 8 << 20  # Bytes in a block, and in a line at most
 TORN = 1 << 20  # Bytes of a quoted cell of several lines that the end of a block would tear apart
 _LONE = re.compile(rb"\r(?!\n)")
 _SEPARATORS = bytes.maketrans(b";\t|", b",,,")
@@ -86,8 +85,7 @@ def blocks(path: Path, encoding: str) -> Iterator[Block]:
     rest, first, ended = b"", 1, False
     with stream:
         while not ended:
-            data = stream.read(SIZE)
-            ended = not stream.peek(1)
+            data, ended = stream.read(SIZE), not stream.peek(1)
             data = decoder.decode(data, ended).encode("utf-8", "replace") if decoder else data
             report.tally(data.count(b"\0"), "NUL byte", "left out: devices fill cells and gaps with them")
             text = rest + data.replace(b"\0", b"")

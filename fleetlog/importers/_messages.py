@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import orjson
 
-from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
+from fleetlog.importers._rows import TOPICS, Sample, finite, heading_of_quaternion
 from fleetlog.importers._units import iso_time
 from fleetlog.importers.osi import SCHEMAS, vehicles
 
@@ -199,23 +199,12 @@ def _decoders(name: str, said: Callable[[dict[str, Any]], Sample]) -> dict[str, 
     return {encoding: after(read) for encoding, read in readers(name).items()}
 
 
-_FIX = "position, WGS 84"
-_POSE = "position and heading in the site frame, from m and quaternion"
-_BATTERY = "soc, voltage and current of the battery (current > 0 when discharging)"
-_READ: tuple[tuple[str, int, Callable[[dict[str, Any]], Sample], str], ...] = (
-    ("foxglove.LocationFix", 0, _said_fix, _FIX),
-    ("sensor_msgs/NavSatFix", 1, _said_fix, _FIX),
-    ("geometry_msgs/PoseWithCovarianceStamped", 2, _said_pose, _POSE),
-    ("geometry_msgs/PoseStamped", 3, _said_pose, _POSE),
-    ("foxglove.PoseInFrame", 4, _said_pose, _POSE),
-    ("nav_msgs/Odometry", 6, _said_pose, _POSE + ", speed"),
-    ("sensor_msgs/BatteryState", 9, _said_battery, _BATTERY),
-    ("foxglove.Battery", 9, partial(_said_battery, unit=0.01), _BATTERY + ", percentage from %"),
-)
-KINDS: dict[str, Kind] = {
-    **{name: Kind(rank, _decoders(name, said), meaning) for name, rank, said, meaning in _READ},
-    **{name: Kind(5, _osi(name), "position, heading and speed of every vehicle") for name in SCHEMAS},
-}
+_SAID: dict[str, Callable[[dict[str, Any]], Sample]] = {
+    "fix": _said_fix, "pose": _said_pose, "battery": _said_battery,
+    "percent": partial(_said_battery, unit=0.01),
+}  # fmt: skip
+KINDS = {name: Kind(rank, _decoders(name, _SAID[how]), told) for name, (rank, how, told) in TOPICS.items()}
+KINDS |= {name: Kind(5, _osi(name), "position, heading and speed of every vehicle") for name in SCHEMAS}
 POSITIONS = ("latitude", "longitude", "x", "y", "z")
 
 

@@ -20,7 +20,7 @@ from fleetlog.core.site import MapFrame, crs, map_frames
 from fleetlog.errors import InputError
 from fleetlog.importers import _units
 from fleetlog.importers._open import ReadReport
-from fleetlog.importers._units import EPOCH_UNITS, KINDS, Meaning, Unit, microseconds
+from fleetlog.importers._units import EPOCH_UNITS, KINDS, LAST, Meaning, Unit, microseconds
 
 _PARTS_OF_DATES = "YyGmbBdjUWVuwaA"
 TARGETS = (*NAMES, "latitude", "longitude")
@@ -37,15 +37,12 @@ class Source:
 
     def known(self, values: Floats) -> Floats:
         """The values, NaN where they mean "missing"."""
-        for sentinel in self.sentinels:
-            if not isinstance(sentinel, str):
-                values = np.where(values == float(sentinel), np.nan, values)
-        return values
+        figures = [float(s) for s in self.sentinels if not isinstance(s, str)]
+        return np.where(np.isin(values, figures), np.nan, values) if figures else values
 
     def to_si(self, values: Floats) -> Floats:
         """The values in SI."""
-        if self.unit is not None:
-            values = self.unit.to_si(values)
+        values = self.unit.to_si(values) if self.unit else values
         return values if self.scale == 1.0 else values * self.scale
 
 
@@ -76,7 +73,8 @@ class Profile:
     @property
     def origin(self) -> int:
         """``time_origin`` in microseconds since 1970 UTC, 0 where there is none."""
-        return 0 if self.time_origin is None else microseconds(self.time_origin, self.zone)
+        zone = self.zone if self.time_format != "days" else None  # those of a spreadsheet are local days
+        return 0 if self.time_origin is None else microseconds(self.time_origin, zone)
 
     @property
     def zone(self) -> ZoneInfo | None:
@@ -122,7 +120,7 @@ def _style(value: Any) -> str:
             if not has_date(style) and set(re.findall("%(.)", style)) & set(_PARTS_OF_DATES):
                 raise Wrong("leaves part of the date out; a date is never made up") from None
             return style
-    raise Wrong("is no time format; write iso, s, ms, us, ns or a strptime format as %d.%m.%Y %H:%M:%S")
+    raise Wrong("is no time format; write iso, s, ms, us, ns, days or a strptime format as %d.%m.%Y %H:%M:%S")
 
 
 def _delimiter(value: Any) -> str:
@@ -139,8 +137,7 @@ def _vehicle(value: Any) -> str:
     return str(value)
 
 
-_SENTINELS = list_of(either(real(), text))
-_NAMES = list_of(text, 1)
+_SENTINELS, _NAMES = list_of(either(real(), text)), list_of(text, 1)
 _FILE: Keys = {
     "delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "comment": text,
     "skip_lines": schema.whole(0), "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle,
@@ -266,11 +263,14 @@ def fields_of(
     found = Fields([*names], profile or Profile(), report, time=time)
     found.take_profile()
     meanings = {n: m for n in found.names if n not in found.used and (m := _units.recognise(n))}
-    # Where another column names the vehicle, "id" is the row's; a time that says UTC goes before others.
-    claim = {n: (_units.normal(n) == "id", not m.exact, "utc" not in n.lower()) for n, m in meanings.items()}
+    claim = {n: (_units.normal(n) in LAST, not m.exact, "utc" not in n.lower()) for n, m in meanings.items()}
     for name in sorted(meanings, key=claim.__getitem__):
         found.take(name, meanings[name])
-    found.kept = [n for n in found.names if n not in found.used] if found.profile.keep else []
+    free = [n for n in found.names if n not in found.used]
+    for name in free:
+        if (target := _units.nearly(name)) and target not in found.columns:
+            report.note(f"{name!r} may be the {target}, in a unit or sense not known: kept as it is")
+    found.kept = free if found.profile.keep else []
     return found
 
 

@@ -1,6 +1,7 @@
 """Rows gathered one at a time into batches, and the small conversions that formats share."""
 
 import math
+import re
 import tomllib
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -24,7 +25,9 @@ LOOKED_FOR = 64  # Records between two looks whether a batch is full
 Row = dict[str, Any]  # Values by the names of columns; a string is a label
 REJECT_TEXT = 400  # Characters of a rejected record that are kept
 NAN = float("nan")
-RECOGNISED, NAMES = tomllib.loads(Path(__file__).with_name("formats.toml").read_text("utf-8")).values()
+_TEXT = tomllib.loads(Path(__file__).with_name("formats.toml").read_text("utf-8"))
+RECOGNISED, NAMES, LACKING, LEFT_OUT, TOPICS = _TEXT.values()
+ZONED = re.compile(r"([zZ]|[+-]\d\d(:?\d\d)?)\s*$")  # The end of a time of day that states its zone
 LIMIT = 1 << 24  # Bytes between two elements of interest; beyond it is no log but an attack or a mistake
 AT_ONCE = 64  # Elements that wait to be dropped, and elements in one that may
 
@@ -45,7 +48,7 @@ class Rows:
     def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
         self._always, self._share = always, share
         self.place = next((pair for pair in (GEOGRAPHIC, LOCAL) if {*pair} <= {*always}), ())
-        self.total = self.rejected = 0  # Rows taken or waiting, and those that were refused so far
+        self.total, self.rejected, self.bare = 0, 0, False  # Rows so far, refused ones; a time without a zone
         self._clear()
 
     def _clear(self) -> None:
@@ -55,27 +58,22 @@ class Rows:
     def add(self, vehicle: str, time: int, record: int, values: Row, written: object = None) -> None:
         """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null. It is
         rejected, as it was ``written``, where its place is no number or its time off."""
-        for name in self.place:
-            if not isfinite(values.get(name, NAN)):
-                self.reject(record, f"{' or '.join(self.place)} is not a number", written or values)
-                return
-        if not EARLIEST <= time <= LATEST:
+        if not isfinite(sum([values.get(name, NAN) for name in self.place])):
+            self.reject(record, f"{' or '.join(self.place)} is not a number", written or values)
+        elif not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
-            return
-        self._kept.append((vehicle, time, record, values))
-        self.total += 1
+        else:
+            self._kept.append((vehicle, time, record, values))
+            self.total += 1
 
     def add_iso(self, vehicle: str, time: str | None, record: int, values: Row, written: Any = None) -> None:
         """One row with its time in ISO 8601."""
         try:
-            stamp = iso_time(time) if time else None
+            self.add(vehicle, iso_time(time or ""), record, values, written)
+            self.bare |= str(time)[-1] not in "zZ" and not ZONED.search(str(time))
         except ValueError:
-            self.reject(record, "time is not ISO 8601", time)
-            return
-        if stamp is None:
-            self.reject(record, "point without a time", written or values)
-        else:
-            self.add(vehicle, stamp, record, values, written)
+            why = "time is not ISO 8601" if time else "point without a time"
+            self.reject(record, why, time or written or values)
 
     def reject(self, record: int, reason: str, text: object = "") -> None:
         """A row that cannot be used."""
@@ -110,8 +108,6 @@ class Records(ABC):
 
     places: ClassVar[tuple[tuple[str, ...], ...]] = (GEOGRAPHIC,)
     longest: ClassVar[int] = 4096  # Bytes of a line
-    lacking: ClassVar[tuple[str, str]]  # What :meth:`nothing` says, unless a format overrides it
-    left_out: ClassVar[dict[str, tuple[str, str]]] = {}  # Of the kinds in ``seen``: what they are, and why
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path, self.report, self.vehicle, self.origin = path, options.report, options.name, options.origin
@@ -131,14 +127,17 @@ class Records(ABC):
 
     def nothing(self) -> tuple[str, str]:
         """What is wrong with a log without a position, and what to do."""
-        return self.lacking
+        what, do = LACKING.get(self.report.format, ("no position in it", "check the format"))
+        return what, do
 
     def describe(self) -> None:
         """Tell the report what was recognised and left out."""
         since = " since the profile's origin" if self.origin else ""
         known = RECOGNISED.get(self.report.format, {})
         self.report.recognised |= {name: meaning.format(since=since) for name, meaning in known.items()}
-        for kind, (noun, why) in self.left_out.items():
+        if any(rows.bare for rows in self.tables):
+            self.report.note("the times state no zone: taken as UTC")
+        for kind, (noun, why) in LEFT_OUT.get(self.report.format, {}).items():
             self.report.tally(self.seen[kind], noun, why)
 
     @classmethod
@@ -189,8 +188,7 @@ class Elements(Records):
         )  # fmt: skip
         try:
             for number, (_, element) in enumerate(events):
-                self._since = 0
-                tag = bare(element.tag)
+                self._since, tag = 0, bare(element.tag)
                 self.seen[tag] += 1
                 if tag in self.wanted:
                     yield element
@@ -201,8 +199,7 @@ class Elements(Records):
                 # Drop what stands before the element, and before all that it is in, but for names.
                 while (parent := element.getparent()) is not None:
                     name = next(element.itersiblings("{*}name", preceding=True), None)
-                    begin = 0 if name is None else parent.index(name) + 1
-                    del parent[begin : parent.index(element)]
+                    del parent[0 if name is None else parent.index(name) + 1 : parent.index(element)]
                     element = parent
         except etree.XMLSyntaxError as error:
             line = f"line {error.position[0]}" if error.position and error.position[0] else "the start"
@@ -218,10 +215,7 @@ def bare(tag: Any) -> str:
 
 def figures(line: bytes, count: int) -> list[float] | None:
     """The ``count`` finite numbers that a line consists of, or None."""
-    try:
-        numbers = [float(cell) for cell in line.split()]
-    except ValueError:
-        return None
+    numbers = [*map(finite, line.split())]
     return numbers if len(numbers) == count and all(map(isfinite, numbers)) else None
 
 

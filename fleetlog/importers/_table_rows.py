@@ -20,6 +20,8 @@ from fleetlog.importers._rows import REJECT_TEXT
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject, renamed
 
 Masks = dict[str, Mask]
+GPS = 315_964_800_000_000  # 1980-01-06, from which GPS time counts [us]
+DOTTED = ("%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S,%f", "%d.%m.%Y %H:%M")
 Texts = Callable[[list[int]], list[str]]
 _MUST = (*GEOGRAPHIC, *LOCAL)  # A row whose position is no number is refused; of others only the value is
 
@@ -33,11 +35,14 @@ class Clock:
         self.unit, self.style = fields.epoch, fields.profile.time_format or ""
         self.local = _units.LocalClock(self.profile.zone) if self.profile.zone else None
         self.days: _units.Days | None = None
-        self.missing: Mask = np.zeros(0, bool)
-        self.skipped: Mask = np.zeros(0, bool)
+        self.missing = self.skipped = np.zeros(0, bool)
 
     def times(self, table: pa.Table, vehicle: Labels) -> Ints:
         """(N,) microseconds UTC; ``NONE`` where a cell cannot be read."""
+        time = self._times(table, vehicle)
+        return self.to_utc(time, time != _units.NONE, vehicle) if self.days or self.style == "days" else time
+
+    def _times(self, table: pa.Table, vehicle: Labels) -> Ints:
         parts = [table.column(n).combine_chunks() for n in self.names]
         cells = pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
         self.missing = np.asarray(cells.is_null(), dtype=bool)
@@ -60,8 +65,7 @@ class Clock:
                     raise FormatError("the times are times of day without a date", where=self.path, do=do)
                 here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
                 self.days = _units.Days(_units.microseconds(datetime(here.year, here.month, here.day)))
-            time = self.days.dated(_units.of_day(cells, self.style))
-            return self.to_utc(time, time != _units.NONE, vehicle)
+            return self.days.dated(_units.of_day(cells, self.style))
         if self.profile.time_origin is not None:
             what, where = "the times have dates of their own", self.profile.path
             raise InputError(what, where=where, place="time.origin", do="leave the origin out")
@@ -90,13 +94,16 @@ class Clock:
         """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""
         if not len(sample := cells.drop_null().slice(0, 1000)):
             return ""
-        figures, _ = numbers(sample)
-        if np.isfinite(figures).mean() > 0.5:
+        if np.isfinite(figures := numbers(sample)[0]).mean() > 0.5:
             return self.decide_count(figures)
         if (_units.of_day(sample, "of day") != _units.NONE).mean() > 0.5:
             return "of day"
         if (_units.from_iso(sample)[0] != _units.NONE).any():
             return "iso"
+        for style in DOTTED:
+            if (_units.from_format(sample, style)[0] != _units.NONE).all():
+                self.report.recognised[self.names[0]] = "timestamp, the day before the month as dots have it"
+                return style
         do = "state its format in a profile (--profile FILE.toml), as [time] format = '%d.%m.%Y %H:%M:%S'"
         shown = str(sample[0])[:60]
         raise FormatError(f"times as {shown!r} can be read in several ways", where=self.path, do=do)
@@ -113,9 +120,13 @@ class Clock:
         if likely is None or origin is not None or self.unit is not None:
             what = f"the time {middle:.12g} counts {self.unit or 'in an unknown unit'} from an unknown start"
             do = 'state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"'
+            do += ' (days of a spreadsheet: "days", "1899-12-30")' if 25_569 < middle < 73_051 else ""
             raise FormatError(what, where=self.path, do=do)
         why = "no other unit gives a date near ours"
         self.report.recognised[name] = f"timestamp, counted in {likely} from 1970 ({why})"
+        old = middle * _units.EPOCH_UNITS[likely] + GPS < _units.microseconds(datetime.now(UTC))
+        if old and "gps" in name.lower():
+            self.report.note(f"{name!r} is counted from 1970; GPS time, from 1980, needs origin in a profile")
         return likely
 
     def to_utc(self, time: Ints, bare: Mask, vehicle: Labels) -> Ints:
@@ -126,8 +137,7 @@ class Clock:
             otherwise = "(a profile says otherwise: [time] zone = ...)"
             self.report.note(f"the times state no zone: taken as UTC {otherwise}")
             return time
-        names = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes]
-        out = time.copy()
+        names, out = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes], time.copy()
         out[bare] = self.local.to_utc(time[bare], names[bare])
         self.skipped = (time != _units.NONE) & (out == _units.NONE)
         return out
@@ -137,9 +147,7 @@ class Clock:
         if self.local is None:
             return
         self.report.note(f"times are local of {self.local.zone.key}")
-        if self.local.twice:
-            hour = "in an hour that comes twice (clocks went back)"
-            self.report.note(f"{self.local.twice} rows lie {hour}; told apart by their order")
+        self.report.tally(self.local.twice, "row", "of an hour that comes twice, told apart by their order")
 
 
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
@@ -204,8 +212,7 @@ class TableRows:
     ) -> RawBatch:
         """The rows of a table by their numbers; ``texts`` gives those of some of them as they are written."""
         bad: Masks = {}
-        vehicle = self._vehicles(table)
-        columns = self._columns(table, bad)
+        vehicle, columns = self._vehicles(table), self._columns(table, bad)
         time = self.clock.times(table, vehicle)
         reasons = self._reasons(table, time, vehicle, bad, record)
         keep = reasons.codes < 0
@@ -272,8 +279,7 @@ class TableRows:
         if pa.types.is_null(chunk.type) or pa.types.is_floating(chunk.type):
             known = chunk.cast(pa.float64()).fill_null(np.nan) if chunk.null_count else chunk
             return np.array(known, dtype=np.float64), np.zeros(len(chunk), bool)
-        text = labels_of(chunk)
-        read = degrees if name in self.angles else numbers
+        text, read = labels_of(chunk), degrees if name in self.angles else numbers
         values, wrong = read(pa.array(text.names, pa.string()), self.decimal)
         return np.append(values, np.nan)[text.codes], np.append(wrong, False)[text.codes]
 
@@ -285,6 +291,8 @@ class TableRows:
                 self._percent = True
                 self.report.recognised[source.column] = "soc, from % (it goes beyond 1)"
             values = values / 100.0 if self._percent else values
+        if target == "payload" and source.unit is None and 0.0 < np.nanmax(values, initial=0.0) <= 1.0:
+            self.report.note(f"{source.column!r} is at most 1 kg: if it is a flag or in t, a profile says it")
         values = source.to_si(values)
         return _units.si_unit(target).to_si(values) if target == "heading" else values
 
@@ -296,9 +304,7 @@ class TableRows:
             moments = labels_of(table.column(self.clock.names[-1])).names
             if 2 < len(found.names) == len(table) == len(moments):  # each row has its own, and its own time
                 self.fields.vehicle, self.fields.kept = None, [*self.fields.kept, name]
-                self.report.recognised[name] = (
-                    f"the row's (each has another), the vehicle is {self.vehicle!r}"
-                )
+                self.report.recognised[name] = f"the row's (each has another): it is of {self.vehicle!r}"
                 return self._vehicles(table)
         if cut := [n for n in found.names if n.strip() and n != n.strip()]:
             self.report.note(f"blanks about vehicle ids are left out, as of {cut[0]!r}")

@@ -232,8 +232,7 @@ def read_recording(
     refuse_packed(path)
     with open_regular(path) as stream:
         if stream.read(len(kind.magic)) != kind.magic:
-            what = f"is not {kind.called} (its first bytes are wrong)"
-            raise FormatError(what, where=path, do="check the format")
+            raise FormatError(f"is not {kind.called}: its first bytes are others", where=path, do="check it")
         walk = kind(path, stream, options.report)
         if not walk.index():
             scan = kind(path, stream, ReadReport(path))

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+import unicodedata
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
@@ -29,8 +30,8 @@ class Unit:
 
     def to_si(self, values: Floats) -> Floats:
         """Values in SI; angles within -pi and pi, compass angles turned into the site's sense."""
-        if self.name == "compass_deg":
-            values = 90.0 - values
+        if self.name.startswith("compass"):
+            values = np.pi / 2.0 / self.factor - values
         if self.name == "ddmm":
             whole = np.trunc(values / 100.0)  # dddmm.mmmm, as NMEA 0183 has it
             values = whole + (values - 100.0 * whole) / 60.0
@@ -45,7 +46,6 @@ _TEXT = tomllib.loads(Path(__file__).with_name("spellings.toml").read_text(encod
 UNITS = tuple(Unit(name, kind, *si) for kind, units in _TEXT["si"].items() for name, si in units.items())
 MISSING_WORDS = _TEXT["missing"]["words"].split()
 _ALIASES = {alias: name for name, words in _TEXT["units"].items() for alias in words.split()}
-
 KINDS = {c: kind for kind, names in _TEXT["measure"].items() for c in names.split()}  # What each measures
 
 
@@ -73,8 +73,8 @@ def si_unit(column: str) -> Unit:
 
 _BY_SPELLING = {s: name for name, words in _TEXT["columns"].items() for s in [name, *words.split()]}
 _BY_SPELLING.update({n: n for n in NAMES})
-_COMPASS = frozenset(["course", "cog", "bearing", "track", "course_over_ground"])
-EPOCH_UNITS = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}  # Microseconds in one unit
+_COMPASS, LAST = (frozenset(_TEXT[kind]["words"].split()) for kind in ("compass", "last"))
+EPOCH_UNITS = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3, "days": 8.64e10}  # Microseconds in one unit
 _EPOCH_ALIASES = {alias: name for name, words in _TEXT["epoch"].items() for alias in words.split()}
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
@@ -91,9 +91,10 @@ class Meaning:
 
 
 def normal(name: str) -> str:
-    """Lower case, joined by underscores: ``Battery Power``, ``batteryPower`` give ``battery_power``."""
+    """Lower case without accents, joined by underscores: ``batteryPower`` gives ``battery_power``."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", "_", name.strip())
-    return re.sub(r"[^0-9a-z]+", "_", spaced.lower()).strip("_")
+    plain = re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFKD", spaced.casefold()))
+    return re.sub(r"[^0-9a-z]+", "_", plain).strip("_")
 
 
 def recognise(name: str) -> Meaning | None:
@@ -110,6 +111,12 @@ def recognise(name: str) -> Meaning | None:
     return None
 
 
+def nearly(name: str) -> str | None:
+    """The column that ``name`` would be, were what stands behind it in brackets (or its degrees) known."""
+    front = bracket[1] if (bracket := _BRACKETS.match(name)) else re.sub(r"(?i)_deg(rees)?$", "", name)
+    return _BY_SPELLING.get(normal(front)) if front != name else None
+
+
 def _plain(spelling: str, *, exact: bool = False) -> Meaning:
     column = _BY_SPELLING[spelling]
     return Meaning(column, find_unit("compass_deg", "angle") if spelling in _COMPASS else None, exact=exact)
@@ -122,10 +129,11 @@ def _with_unit(spelling: str, text: str) -> Meaning | None:
         epoch = _EPOCH_ALIASES.get(normal(text))
         known = epoch or normal(text) in ("", "utc", "iso", "iso_8601")
         return Meaning(column, epoch=epoch) if known else None
+    if spelling in _COMPASS:
+        sense = find_unit(text or "deg", "angle")
+        return Meaning(column, find_unit(f"compass_{sense.name}", "angle")) if sense else None
     if column not in KINDS or not text:
         return Meaning(column) if not text else None
-    if spelling in _COMPASS:
-        return _plain(spelling) if normal(text) in ("deg", "degrees", "") or text == "°" else None
     if spelling == "heading" and find_unit(text, "angle") != si_unit("heading"):
         return None  # degrees of the compass or of mathematics: the name does not tell
     unit = find_unit(text, KINDS[column])
@@ -133,12 +141,10 @@ def _with_unit(spelling: str, text: str) -> Meaning | None:
 
 
 NONE = np.iinfo(np.int64).min  # A time that could not be read
-MISSING = "the time is missing"
-UNREADABLE = "the time cannot be read"
+MISSING, UNREADABLE = "the time is missing", "the time cannot be read"
 OFF_TIME = "the time is outside 1678 to 2262"
 SKIPPED = "a local time that does not exist (the clocks went forward over it)"
 EARLIEST_LOG, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2100 [us]
-
 EARLIEST, LATEST = -9_214_560_000_000_000, 9_223_286_400_000_000
 """Times that a dataset can hold [us]: 1678-01-01 to 2262-04-11, what nanoseconds in 64 bits can count."""
 OF_DAY = r"^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$"
@@ -163,8 +169,7 @@ class LocalClock:
         second = _epoch(stamps.tz_localize(zone, ambiguous=np.zeros(len(local), bool), nonexistent="NaT"))
         out = np.where(known, first, NONE)
         for row in np.flatnonzero(known & (first != second)).tolist():
-            # the latest time of the same vehicle before this row
-            begin = max(0, row - 1000)
+            begin = max(0, row - 1000)  # the latest time of the same vehicle before this row
             earlier = np.flatnonzero(vehicle[begin:row] == vehicle[row])
             if out[row] < (out[begin + earlier[-1]] if len(earlier) else self.last.get(vehicle[row], NONE)):
                 out[row] = second[row]
@@ -181,15 +186,16 @@ def _epoch(stamps: Any) -> Ints:
 
 
 def epoch_unit(count: float) -> str | None:
-    """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none does."""
-    return next((unit for unit, us in EPOCH_UNITS.items() if EARLIEST_LOG <= count * us <= _LATEST), None)
+    """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none but days does."""
+    units = {k: us for k, us in EPOCH_UNITS.items() if EARLIEST_LOG <= count * us <= _LATEST}
+    return next(iter(units.keys() - {"days"}), None)
 
 
 def from_counts(values: Floats | Ints, unit: str, origin: int = 0) -> Ints:
     """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or out of reach."""
     good = np.abs(values.astype(np.float64)) * EPOCH_UNITS[unit] < LATEST - EARLIEST
     known = np.where(good, values, 0)
-    if values.dtype.kind == "i":
+    if values.dtype.kind == "i" and unit != "days":
         time = known.astype(f"timedelta64[{unit}]").astype("timedelta64[us]").astype(np.int64)
     else:
         time = np.rint(known * EPOCH_UNITS[unit]).astype(np.int64)
@@ -216,8 +222,7 @@ class Days:
     def dated(self, of_day: Ints) -> Ints:
         """Times [us] of times of day; ``NONE`` stays."""
         known = of_day != NONE
-        turns = np.cumsum(np.diff(of_day[known], prepend=self.last) < -DAY // 2)
-        out = of_day.copy()
+        turns, out = np.cumsum(np.diff(of_day[known], prepend=self.last) < -DAY // 2), of_day.copy()
         out[known] += self.first + turns * DAY
         if len(turns):
             self.first, self.last = self.first + int(turns[-1]) * DAY, int(of_day[known][-1])

@@ -16,7 +16,6 @@ from fleetlog.importers._open import Damaged, ReadReport
 
 DAMAGE_LINES = 10
 FAULTS = (Damaged, struct.error, KeyError, ValueError)  # What broken bytes raise
-
 Item = tuple[int, Any, Any]  # Kind, header (or None) and content of a record
 Message = tuple[int, int, Any]  # Number of the channel, time [us], data
 

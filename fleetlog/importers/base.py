@@ -5,6 +5,7 @@ A format is one module of this package that holds ``IMPORTER``, an :class:`Impor
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
@@ -12,21 +13,22 @@ from urllib.parse import quote
 
 import numpy as np
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import DAY, Floats, Ints
 from fleetlog.core.columns import BY_NAME, HIVE_NULL
 from fleetlog.core.trajectory import Labels, Values, as_labels
 from fleetlog.core.words import count
 from fleetlog.errors import REPORT, FleetlogError, FormatError, InputError, chosen, fault
 from fleetlog.importers._open import ReadReport, compression, head_of, plain_stem, plain_suffix
 from fleetlog.importers._profile import TARGETS, Profile
-from fleetlog.importers._units import EARLIEST, EARLIEST_LOG, LATEST, OFF_TIME
+from fleetlog.importers._units import EARLIEST, EARLIEST_LOG, LATEST, OFF_TIME, microseconds
 from fleetlog.registry import parts
 
-GEOGRAPHIC = ("latitude", "longitude")
-LOCAL = ("x", "y")
+GEOGRAPHIC, LOCAL = ("latitude", "longitude"), ("x", "y")
 LONGEST_ID = 200  # Characters of a vehicle's id as the name of a folder
 _OTHERWISE = "a profile may say when it was ([time] origin = ...)"
 UNKNOWN_START = f"the times count from an unknown start, placed at 1970-01-01: {_OTHERWISE}"
+WEEKS = 1024 * 7 * DAY  # After which the count of GPS weeks starts again [us]
+OLD_CLOCK = "its first time is of {}: false where a clock was not set, or GPS weeks rolled over (then {})"
 NO_NAME = f"the vehicle id is missing, longer than {LONGEST_ID} characters, or the word for unknown"
 
 
@@ -149,8 +151,7 @@ def by_name(name: str) -> Importer:
 
 def find(path: Path) -> Importer | None:
     """The format of ``path``: its suffix is asked first, then every signature; None when nothing fits."""
-    head = head_of(path)
-    suffix = plain_suffix(path)
+    head, suffix = head_of(path), plain_suffix(path)
     order = sorted(importers().values(), key=lambda i: (suffix not in i.suffixes, i.rank, i.name))
     return next((i for i in order if _fits(i, path, head)), None)
 
@@ -177,8 +178,7 @@ def detect(path: Path) -> Importer:
 def _looks(path: Path) -> str:
     if path.is_dir():
         return "a folder"
-    head = head_of(path)
-    packed = compression(path)
+    head, packed = head_of(path), compression(path)
     if not head:
         return "nothing in it can be unpacked"
     kind = "binary" if sum(b < 9 or 13 < b < 32 for b in head) > 0.02 * len(head) else "text"
@@ -189,11 +189,12 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
     """The batches of a file, each checked; :class:`~fleetlog.errors.FleetlogError` where no row is usable.
 
     What cannot be read after the first row, for whatever reason, is damage in ``options.report``."""
-    last, latest = 0, -1
+    last, first, latest = 0, LATEST, -1
     try:
         for batch in importer.read(path, options):
             yield _sound(batch, options)
             last = max(last, int(batch.record.max(initial=0)))
+            first = min(first, int(batch.time.min(initial=LATEST)))
             latest = max(latest, int(batch.time.max(initial=-1)))
     except FleetlogError as error:
         if not last:
@@ -209,6 +210,9 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
     else:
         if 0 <= latest < EARLIEST_LOG and not options.origin:
             options.report.note(UNKNOWN_START)
+        elif first + WEEKS < microseconds(datetime.now(UTC)) and not options.origin:
+            days = (str(np.datetime64(us, "us"))[:10] for us in (first, first + WEEKS))
+            options.report.note(OLD_CLOCK.format(*days))
 
 
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
@@ -231,8 +235,7 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
         elif name in BY_NAME:
             said = ((int(batch.record[i]), _said(values, i)) for i in np.flatnonzero(wrong).tolist())
             rejects += [Reject(n, f"{name} is not a number", text, False) for n, text in said]
-    off = (batch.time < EARLIEST) | (batch.time > LATEST)
-    vehicle = _named(batch.vehicle)
+    off, vehicle = (batch.time < EARLIEST) | (batch.time > LATEST), _named(batch.vehicle)
     sizes = [0 if v == HIVE_NULL else len(quote(v.strip(), safe="")) for v in vehicle.names]
     nameless = np.array([*(not 0 < size <= LONGEST_ID for size in sizes), True])[vehicle.codes]
     keep = ~(off | nowhere | nameless)
@@ -259,8 +262,7 @@ def _column(name: str, values: Values, report: ReadReport) -> tuple[str, Values]
             return name, np.where(np.isnan(figures), -1, figures).astype(np.int64)
         report.note(f"{name!r} holds more than whole numbers: kept as {name + '_log'!r}")
         return f"{name}_log", values
-    is_text = kind or isinstance(values, Labels)
-    return name, _named(as_labels(values, len(values))) if is_text else values
+    return name, _named(as_labels(values, len(values))) if kind or isinstance(values, Labels) else values
 
 
 def _figures(values: Values) -> Floats:

@@ -18,8 +18,7 @@ from fleetlog.importers.base import LOCAL, Importer
 
 MAGIC = b"CARLA_RECORDER"
 FRAME_START, EVENT_ADD, POSITION = 0, 2, 6
-VEHICLE = 1
-CENTIMETRE = 0.01
+VEHICLE, CENTIMETRE = 1, 0.01
 _PACKET, _FRAME, _PLACE = struct.Struct("<BI"), struct.Struct("<Qdd"), struct.Struct("<I6f")
 _ADDED, _SHORT = struct.Struct("<IB6fI"), struct.Struct("<H")
 
@@ -33,7 +32,6 @@ class _Carla(Records):
     """One row a vehicle and frame; walkers and other actors are left out."""
 
     places = (LOCAL,)
-    lacking = "no vehicle's position in it", "record it with vehicles"
 
     def records(self) -> Iterator[tuple[int, bytes]]:
         """Packets behind the header, which says the recording's date and map."""
@@ -41,11 +39,9 @@ class _Carla(Records):
             version, _ = struct.unpack("<H", self.stream.read(2))[0], _text(self.stream)
             date, town = struct.unpack("<q", self.stream.read(8))[0], _text(self.stream)
         except struct.error:
-            what = "the file breaks off in its header"
-            raise FormatError(what, where=self.path, do="record it again") from None
+            raise FormatError("breaks off in its header", where=self.path, do="record it again") from None
         if version != 1:
-            what = f"is version {version} of the recorder's format"
-            raise FormatError(what, where=self.path, do="give version 1")
+            raise FormatError(f"is version {version} of the format", where=self.path, do="give version 1")
         self.report.note(f"recorded by CARLA on the map {town}")
         self._names: dict[int, str] = {}  # Of the vehicles
         self._start = self._time = self.origin or date * 1_000_000

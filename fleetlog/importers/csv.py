@@ -11,18 +11,22 @@ from itertools import chain, islice
 from pathlib import Path
 
 from fleetlog import engines
+from fleetlog.core.words import count
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_table import Block, TableReader, blocks, cells_of, guess_encoding, rows_of
 from fleetlog.importers._open import ReadReport, head_of
 from fleetlog.importers._profile import Fields, Profile, fields_of
 from fleetlog.importers._rows import finite
 from fleetlog.importers._table_rows import TableRows
-from fleetlog.importers._units import KINDS, normal
+from fleetlog.importers._units import KINDS, find_unit, normal, recognise
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 Cells = list[str]
 DELIMITERS = ",;\t|"
 _COMMA, _POINT = re.compile(r"[+-]?\d*,\d+"), re.compile(r"[+-]?\d*\.\d+")
+_QUOTED = re.compile(r"[+-]?\d*,(?!\d{3}$)\d+")  # Before three digits it could set thousands apart
+DATES = ("date", "day", "datum", "fecha")
+CLOCKS = ("time", "time_of_day", "clock", "uhrzeit", "zeit", "heure", "hora")
 BYTE_COST = 2e-8  # To read a byte of a log, which may be packed, about [s]
 SAMPLE = 100  # Rows that tell how many fields a row has
 _OTHERS = ("{", "[", "<", "$", "!", "%PDF", "PK\x03", "\\")
@@ -51,7 +55,8 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     report.take(block.report)
     if reader.fields.vehicle is None and options.vehicle is None:
         named = f"every row is of vehicle {options.name!r}, after the file's name"
-        report.note(f"no column of vehicle ids: {named} (a profile names one: [columns] vehicle_id = ...)")
+        others = ", ".join(map(repr, reader.fields.kept[:5])) or "others"
+        report.note(f"no column of vehicle ids: {named} (a profile says if {others} is it: vehicle_id = ...)")
     rows = TableRows(reader.fields, options.name, reader.angles, reader.decimal)
     parts, cost = chain([block] if block.text else [], source), BYTE_COST * path.stat().st_size
     for block, table, lines, rejects in engines.current().stream(lambda b: (b, *reader.read(b)), parts, cost):
@@ -82,17 +87,41 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
     else:
         raise FormatError("the file has no rows", where=path, do="give a log with rows")
     lines = [line, *islice(every, SAMPLE)]
+    split = [i for i, line in enumerate(lines) if any(d in line for d in profile.delimiter or DELIMITERS)]
+    if split[:1] > [0]:  # titles have no separator
+        report.note(f"{count(split[0], 'line')} above the header left out: {lines[0].strip()[:60]!r}")
+        lines, skip = lines[split[0] :], skip + split[0]
     delimiter = profile.delimiter or declared or find_delimiter(lines[:20])
     if not (names := list(profile.names)):
         said, skip = cells_of(above, delimiter), skip + 1
         names = fit_header(cells_of(lines.pop(0), delimiter), rows_of(lines, delimiter), report, skip, said)
         skip -= names is said  # the comment is skipped as it is
+        if lines and (told := with_units(names, cells_of(lines[0], delimiter), profile)):
+            report.note(f"line {skip + 1} holds units: {lines.pop(0)[:60]!r}")
+            names, skip = told, skip + 1
     decimal = profile.decimal or find_decimal(lines[:20], delimiter, report)
     reader = TableReader(lay_out(names, profile, report), delimiter, decimal)
     text = b"".join(block.text.split(b"\n", skip)[skip:])
     block = Block(text, block.first + skip, block.progress, block.report, block.cut)
     reader.decide(block)
     return reader, block
+
+
+def with_units(names: Cells, below: Cells, profile: Profile) -> Cells | None:
+    """The names, each with its unit in brackets, where the line ``below`` them holds units; else None."""
+    units, out, told = [cell.strip(" -[]()") for cell in below], [*names], False
+    if len(units) != len(names) or any(finite(u) == finite(u) for u in units if u != "1"):
+        return None
+    own = {*profile.time, *(s.column for s in profile.columns.values())}
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        if not unit or name.strip() in own or (meaning := recognise(name)) is None:
+            continue
+        kind, full = KINDS.get(meaning.column, ""), f"{name} [{unit}]"
+        told |= unit != "1" and find_unit(unit, kind) is not None
+        # What is no unit says nothing of a place, a time, a name.
+        if recognise(full) or (meaning.unit is None and kind not in ("", "degrees")):
+            out[i] = full
+    return out if told else None
 
 
 def find_delimiter(lines: list[str]) -> str:
@@ -108,11 +137,10 @@ def find_delimiter(lines: list[str]) -> str:
 
 def find_decimal(lines: list[str], delimiter: str, report: ReadReport) -> str:
     """The decimal comma where another character separates cells and no figure has a point; noted."""
-    if delimiter == ",":
-        return "."
     cells = [cell.strip() for row in rows_of(lines, delimiter) for cell in row]
-    commas = sum(bool(_COMMA.fullmatch(cell)) for cell in cells)
-    if commas == 0 or any(_POINT.fullmatch(cell) for cell in cells):
+    pattern = _QUOTED if delimiter == "," else _COMMA
+    commas = any(pattern.fullmatch(cell) for cell in cells)
+    if not commas or any(_POINT.fullmatch(cell) for cell in cells):
         return "."
     report.note("figures have a decimal comma")
     return ","
@@ -179,8 +207,7 @@ def _split_time(names: list[str], profile: Profile, report: ReadReport) -> tuple
     """A date and a time of day in two columns; nothing where the time is known otherwise."""
     free = [n for n in names if n not in {s.column for s in profile.columns.values()}]
     plain = {normal(n): n for n in free}
-    date = plain.get("date") or plain.get("day")
-    clock = plain.get("time") or plain.get("time_of_day") or plain.get("clock")
+    date, clock = (next((plain[n] for n in names if n in plain), None) for names in (DATES, CLOCKS))
     if profile.time or not date or not clock or "timestamp" in (n.strip() for n in free):
         return ()
     report.recognised[date], report.recognised[clock] = "timestamp (date)", "timestamp (time of day)"

@@ -20,11 +20,9 @@ from fleetlog.importers._profile import Fields, Source, fields_of
 from fleetlog.importers._rows import Records, finite
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer
 
-TIMES = ("coordTimes", "times", "timestamps")
-BLOCK = 1 << 18
+TIMES, BLOCK = ("coordTimes", "times", "timestamps"), 1 << 18
 FEATURE_LIMIT = 1 << 27  # Characters of one feature that are believed
-_OPEN = re.compile(r'"features"\s*:\s*\[')
-_BETWEEN = re.compile(r"[\s,\[\x1e\ufeff]*")
+_OPEN, _BETWEEN = re.compile(r'"features"\s*:\s*\['), re.compile(r"[\s,\[\x1e\ufeff]*")
 _SIGN = re.compile(rb'"type"\s*:\s*"(FeatureCollection|Feature)"')
 
 
@@ -158,8 +156,7 @@ class _GeoJson(Records):
 def _place(coordinates: Any, pair: tuple[str, ...]) -> dict[str, Any]:
     """A place in degrees stands with the longitude first."""
     given = coordinates if isinstance(coordinates, list) else []
-    names = pair if pair == LOCAL else pair[::-1]
-    return dict(zip((*names, "z"), map(finite, given), strict=False))
+    return dict(zip((*(pair if pair == LOCAL else pair[::-1]), "z"), map(finite, given), strict=False))
 
 
 def _value(field: Source, properties: dict[str, Any]) -> Any:

@@ -5,22 +5,20 @@ may stand in an extension; numbers in other extensions are kept.  A file is one 
 file that fleetlog wrote names its vehicles by its tracks."""
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
-from fleetlog.importers._rows import NAMES, Elements, bare, finite, heading_of_course
+from fleetlog.importers._rows import LEFT_OUT, NAMES, Elements, bare, finite, heading_of_course
 from fleetlog.importers.base import Importer, ReadOptions, holding
 
 _KEPT: dict[str, str] = NAMES["gpx"]
-_STILL = "left out: no motion"
 
 
 class _Gpx(Elements):
     """The points of all tracks, in the order of the file."""
 
     wanted, passed = ("trkpt",), ("wpt", "rtept", "trkseg", "trk")
-    left_out: ClassVar = {"wpt": ("waypoint", _STILL), "rtept": ("route point", _STILL)}
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)
@@ -29,23 +27,20 @@ class _Gpx(Elements):
 
     def take(self, point: Any, number: int) -> None:
         if (segment := point.getparent()) is not self._segment:
-            self._segment = segment
-            track = segment.getparent().findtext("{*}name", "").strip()
+            self._segment, track = segment, segment.getparent().findtext("{*}name", "").strip()
             self._tracks.update([track] if track else [])
             ours = (point.getroottree().getroot().get("creator") or "").startswith("fleetlog")
             self._vehicle = track if track and ours and self.options.vehicle is None else self.vehicle
         values: dict[str, Any] = {"latitude": finite(point.get("lat")), "longitude": finite(point.get("lon"))}
-        time = None
-        for leaf in point:
-            name, text = bare(leaf.tag), leaf.text
-            if name == "time":
-                time = text
-            elif not _known(values, name, text) and len(leaf):
+        leaves = {bare(leaf.tag): leaf for leaf in point}
+        for name, leaf in leaves.items():
+            if name != "time" and not _known(values, name, leaf.text) and len(leaf):
                 _extend(values, leaf)
+        time = getattr(leaves.get("time"), "text", None)
         self.rows.add_iso(self._vehicle, time, number, values, point.attrib)
 
     def nothing(self) -> tuple[str, str]:
-        others = [count(self.seen[t], noun) for t, (noun, _) in self.left_out.items() if self.seen[t]]
+        others = [count(self.seen[t], noun) for t, (noun, _) in LEFT_OUT["gpx"].items() if self.seen[t]]
         what = f"no track in it, only {' and '.join(others)}" if others else "no track point in it"
         if self.seen["trkpt"]:
             points, why = count(self.seen["trkpt"], "track point"), self.rows.take().rejects[0].reason

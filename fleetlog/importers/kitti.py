@@ -24,7 +24,6 @@ class _Kitti(Records):
     """One row a line; the heading is the yaw of the rotation."""
 
     places = (LOCAL,)
-    lacking = "no line is a pose of twelve numbers with a time", "check the format"
 
     def records(self) -> Iterator[tuple[bytes, bytes]]:
         beside = self.path.parent / TIMES

@@ -2,7 +2,7 @@
 
 Lines without times say where, not when: they are left out."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 from fleetlog.core.words import count
 from fleetlog.importers._rows import Elements, bare, finite
@@ -13,7 +13,6 @@ class _Kml(Elements):
     """One row a moment of a track, or a placemark with a time; records count each kind."""
 
     wanted, passed = ("Track", "Placemark"), ("LineString",)
-    left_out: ClassVar = {"LineString": ("line", "without times left out")}
 
     def take(self, element: Any, _: int) -> None:
         tag = bare(element.tag)

@@ -46,12 +46,11 @@ def _opened(path: Path) -> Any:
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
-        try:
-            return asammdf.MDF(path)
-        except Exception as error:  # of several kinds, on damaged files
-            what = f"cannot be read as MF4 ({type(error).__name__})"
-        gc.collect()
+        return asammdf.MDF(path)
+    except Exception as error:  # of several kinds, on damaged files
+        what = f"cannot be read as MF4 ({type(error).__name__})"
     finally:
+        gc.collect()
         sys.unraisablehook = hook
     raise FormatError(what, where=path, do="record it again, or repair it with asammdf")
 
@@ -61,8 +60,7 @@ class _Group:
 
     def __init__(self, measurement: Any, number: int, options: ReadOptions, origin: int) -> None:
         self.measurement, self.report, self.origin = measurement, options.report, origin
-        group = measurement.groups[number]
-        master = measurement.masters_db.get(number)
+        group, master = measurement.groups[number], measurement.masters_db.get(number)
         self.length = int(group.channel_group.cycles_nr) if master is not None else 0
         self.names: dict[str, tuple[None, int, int]] = {}
         for index, channel in enumerate(group.channels):

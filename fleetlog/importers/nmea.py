@@ -27,9 +27,7 @@ WAITING = 1 << 18  # Fixes that may wait for the first date
 BLOCK = 1 << 18
 LIMIT = 8200  # Longest UBX message [bytes] that is believed; a longer one is two bytes of chance
 KNOT = 1852.0 / 3600.0  # One knot [m/s]
-_START = re.compile(
-    rb"\xb5b|[$!][A-Z][A-Z0-9]{1,11},[\x20-\x23\x25-\x29\x2b-\x7e]{0,1000}(\*[0-9A-Fa-f]{2})?\r?\n?"
-)
+_START = re.compile(rb"\xb5b|[$!][A-Z][A-Z0-9]{1,11},[ -#%-)+-~]{0,1000}(\*[0-9A-Fa-f]{2})?\r?\n?")
 _EPOCH = date(1970, 1, 1).toordinal()
 RANKS = {"GGA": 4, "GNS": 3, "RMC": 2, "GLL": 1, "VTG": 0, "ZDA": 0}  # The trust in a sentence's position
 _STATES = {"GGA": "quality", "GNS": "posMode", "RMC": "status", "GLL": "status"}
@@ -121,8 +119,7 @@ def decode(frame: bytes, line: int) -> Part:
     if len(cells) < (9 if kind in ("GGA", "GNS", "RMC") else 4):
         raise ValueError("the sentence has too few fields")
     written = {name: cell for name, cell in zip(types, cells, strict=False) if cell}
-    part = Part(line)
-    state = written.get(_STATES.get(kind, ""), "")
+    part, state = Part(line), written.get(_STATES.get(kind, ""), "")
     if state or kind in ("GGA", "GNS", "RMC"):
         part.valid = bool(state.strip("0NV"))
     # Where the receiver says that it has no fix, what stands there is filler.
@@ -135,8 +132,7 @@ def decode(frame: bytes, line: int) -> Part:
     if "date" in told:
         part.day = told["date"].toordinal() - _EPOCH
     if {"lat", "lon"} & told.keys():
-        part.rank = RANKS[kind]
-        sides = written.get("NS", "") + written.get("EW", "")
+        part.rank, sides = RANKS[kind], written.get("NS", "") + written.get("EW", "")
         if not {"lat", "lon"} <= told.keys() or sides not in ("NE", "NW", "SE", "SW"):
             raise ValueError("the position is not whole: latitude, N or S, longitude, E or W")
         told["lat"] *= -1.0 if "S" in sides else 1.0
@@ -247,8 +243,7 @@ class _Nmea(Records):
             return
         self._last = later = fix
         for early in reversed(self.waiting):
-            early.day = later.day - (early.tod - later.tod > DAY // 2)
-            later = early
+            early.day, later = later.day - (early.tod - later.tod > DAY // 2), early
         for known in (*self.waiting, fix):
             if known.placed:
                 self.rows.add(self.vehicle, known.day * DAY + known.tod, known.line, known.values)
@@ -266,9 +261,8 @@ class _Nmea(Records):
         if self.ais and not self.seen:
             return f"only AIS: {count(self.ais, 'message')} of ships, no position of the receiver", do
         found = ", ".join(f"{n} {k}" for k, n in self.seen.most_common(8)) or "none"
-        first, why = self.rows.take().rejects[:1], ""
-        if first:
-            why = f"; {self.rows.rejected} rejected, the first on line {first[0].record}: {first[0].reason}"
+        why = f"; {self.rows.rejected} rejected, the first on line {{0.record}}: {{0.reason}}"
+        why = "".join(map(why.format, self.rows.take().rejects[:1]))
         return f"no sentence with a position (readable sentences: {found}){why}", do
 
     def describe(self) -> None:

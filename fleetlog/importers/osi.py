@@ -50,9 +50,6 @@ class _Osi(Records):
         for sample in found:
             self.rows.add(sample.vehicle, self.origin + sample.stamp, number, sample.values)
 
-    def nothing(self) -> tuple[str, str]:
-        return f"no vehicle in its {self._schema} messages", "record ground truth"
-
     def describe(self) -> None:
         meaning = "position, heading and speed of every vehicle, from m, rad and m/s"
         self.report.recognised[self._schema] = meaning

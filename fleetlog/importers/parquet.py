@@ -19,8 +19,7 @@ from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding, renamed
 from fleetlog.importers.csv import unique
 
-BATCH = 1 << 17
-_OF_FIGURES = ("null", "boolean", "decimal", "floating", "integer")
+BATCH, _OF_FIGURES = 1 << 17, ("null", "boolean", "decimal", "floating", "integer")
 _FIGURES = [getattr(pa.types, f"is_{kind}") for kind in _OF_FIGURES]
 _TIMES = [getattr(pa.types, f"is_{kind}") for kind in ("timestamp", "date", "integer", "floating")]
 GROUP_LIMIT = 1 << 32  # Unpacked bytes of a row group that are believed

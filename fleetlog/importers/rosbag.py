@@ -125,8 +125,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         yield from read_recording(BagWalk, path, options)
     elif magic.startswith(b"#ROSBAG"):
         version = magic.split(b"\n")[0].decode("ascii", "replace")
-        what = f"bag of a format before 2.0 ({version})"
-        raise FormatError(what, where=path, do="convert it with rosbag migrate")
+        raise FormatError(f"bag of a format before 2.0 ({version})", where=path, do="use rosbag migrate")
     else:
         yield from _ros2(path, options)
 
@@ -155,8 +154,7 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     if len(errors) == len(files):
         raise errors[0]
     if (stated := _COUNT.search(about)) and whole < int(stated[1]):
-        what = f"{whole:,} of the {int(stated[1]):,} messages that metadata.yaml counts are whole"
-        options.report.damaged(what)
+        options.report.damaged(f"{whole:,} of the {int(stated[1]):,} messages by metadata.yaml are whole")
 
 
 def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -177,15 +175,13 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             messages = bag.messages(connections=wanted)
             yield from decoder.batches((c.topic, (time + 500) // 1000, data) for c, time, data in messages)
         if decoder.record < (stated := sum(c.msgcount for c in wanted)):
-            what = f"{decoder.record:,} of the {stated:,} messages"
-            options.report.damaged(f"{what} that the bag counts are in it")
+            options.report.damaged(f"{decoder.record:,} of the {stated:,} messages that it counts are in it")
     except FleetlogError:
         raise
     except Exception as error:
         why = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
         if decoder is None or not decoder.positions:
-            do = "repair it with ros2 bag reindex"
-            raise FormatError(f"cannot be read ({why})", where=path, do=do) from None
+            raise FormatError(f"cannot be read ({why})", where=path, do="try ros2 bag reindex") from None
         options.report.damaged(f"breaks off after {decoder.record} messages ({why})")
     assert decoder is not None
     yield from decoder.finish()

@@ -14,8 +14,7 @@ from fleetlog.importers._rows import Elements, finite, heading_of_course
 from fleetlog.importers._units import iso_time
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, ReadOptions, holding
 
-_EPOCH = re.compile(rb"fleetlog-epoch ([0-9T:.Z+-]{10,40})")
-_KNOWN = ("id", "x", "y", "angle")
+_EPOCH, _KNOWN = re.compile(rb"fleetlog-epoch ([0-9T:.Z+-]{10,40})"), ("id", "x", "y", "angle")
 
 
 class _Fcd(Elements):
@@ -23,7 +22,6 @@ class _Fcd(Elements):
 
     places = (LOCAL, GEOGRAPHIC)
     wanted, passed = ("vehicle",), ("person", "timestep")
-    lacking = "no vehicle with a position in it", "write it with --fcd-output"
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         super().__init__(path, options)
@@ -45,12 +43,9 @@ class _Fcd(Elements):
             rows.reject(number, "step without a time", dict(attributes))
             return
         values: dict[str, Any] = {n: finite(attributes.get(k)) for n, k in zip(names, "xy", strict=True)}
-        for name in attributes:
-            if name in ("z", "speed"):
-                values[name] = finite(attributes[name])
-            elif name not in _KNOWN:
-                figure = finite(attributes[name])
-                values[name] = figure if figure == figure else (attributes[name] or None)
+        for name in (n for n in attributes if n not in _KNOWN):
+            figure, text = finite(attributes[name]), attributes[name] or None
+            values[name] = figure if figure == figure or name in ("z", "speed") else text
         if "angle" in attributes:
             values["heading"] = heading_of_course(finite(attributes["angle"]))
         time = self.origin + round(seconds * 1e6)

@@ -1,6 +1,6 @@
 """Garmin TCX: the trackpoints of all activities and courses, with altitude and speed."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 from fleetlog.core.words import count
 from fleetlog.importers._rows import NAMES, Elements, bare, finite
@@ -13,7 +13,6 @@ class _Tcx(Elements):
     """One row a trackpoint that has a position."""
 
     wanted, passed = ("Trackpoint",), ("Track",)
-    left_out: ClassVar = {"still": ("trackpoint", "without a position left out")}
 
     def take(self, point: Any, number: int) -> None:
         if point.find("{*}Position") is None:

@@ -17,15 +17,13 @@ class _Tum(Records):
     """One row a line; the heading is the yaw of the quaternion."""
 
     places = (LOCAL,)
-    lacking = "no line reads 'timestamp x y z qx qy qz qw'", "check the format"
 
     def take(self, line: bytes, number: int) -> None:
         if not line.strip() or line.lstrip().startswith(b"#"):
             return
         pose = _pose(line)
         if pose is None or not -(1 << 62) < pose[0] * 1e6 < 1 << 62:
-            what = "not eight numbers ending in a unit quaternion"
-            self.rows.reject(number, what, line.decode("latin-1").strip())
+            self.rows.reject(number, "not eight numbers with a unit quaternion", str(line, "latin-1").strip())
             return
         values = {"x": pose[1], "y": pose[2], "z": pose[3], "heading": heading_of_quaternion(*pose[4:])}
         # Exact: a double holds only a quarter of a microsecond.

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog.core.words import count
+from fleetlog.importers._profile import Fields, Profile
 from fleetlog.importers._rows import NAMES, NAN, Records, finite
-from fleetlog.importers._units import iso_time
 from fleetlog.importers.base import LOCAL, Importer, ReadOptions
 from fleetlog.importers.geojson import features
 
@@ -42,6 +42,8 @@ class _Vda(Records):
         self.facts: dict[str, str] = {}  # What the factsheet of each vehicle says
         self.connections: Counter[str] = Counter()
         self._payload: dict[str, float] = {}
+        self._clock = Fields([], options.profile or Profile(), self.report)
+        self._degrees, self._most = False, 0.0  # Whether theta is no radians; the highest state of charge
 
     def records(self) -> Iterable[Any]:
         start = self.stream.peek(64).lstrip(b"\xef\xbb\xbf \t\r\n")
@@ -56,8 +58,7 @@ class _Vda(Records):
             message = _message(line)
         except (ValueError, RecursionError):
             cut = "" if line.endswith(b"\n") else ", cut off by the end of the file"
-            text = line[:400].decode("utf-8", "replace")
-            self.rows.reject(number, f"the line is no JSON object{cut}", text)
+            self.rows.reject(number, f"the line is no JSON object{cut}", str(line[:400], "utf-8", "replace"))
             return
         position = _first(message, "agvPosition", "mobileRobotPosition")
         battery = _first(message, "batteryState", "powerSupply")
@@ -65,10 +66,11 @@ class _Vda(Records):
         if position is None and battery is None:
             self._other(message)
             return
+        stamp: Any = message.get("timestamp")
         try:
-            time = iso_time(str(message["timestamp"]))
-        except (KeyError, ValueError):
-            self.rows.reject(number, "no timestamp in ISO 8601", str(message.get("timestamp")))
+            time = self._clock.instant(int(stamp) if str(stamp).isdigit() else stamp, None)
+        except (ValueError, OverflowError):
+            self.rows.reject(number, "no timestamp in ISO 8601, or that counts from 1970", str(stamp))
             return
         vehicle = self._name(message)
         if isinstance(loads := message.get("loads"), list):  # a load without a weight: the sum is unknown
@@ -78,11 +80,22 @@ class _Vda(Records):
             if any(position.get(name) is False for name in ("positionInitialized", "localized")):
                 self.rows.reject(number, "the vehicle is not localised", position)
             else:
-                values = _pose(position, message.get("velocity"))
+                values = self._pose(position, message.get("velocity"))
                 values["payload"] = self._payload.get(vehicle, NAN)
                 self.rows.add(vehicle, time, number, values | _said(message, position), position)
         if battery is not None and (charge := _battery(battery)):
+            self._most = max(self._most, charge.get("soc", 0.0))
             self.tables[1].add(vehicle, time, number, charge)
+
+    def _pose(self, position: dict[str, Any], velocity: Any) -> dict[str, Any]:
+        """``theta`` is the contract's heading; the speed is the length of the vehicle's own velocity."""
+        values, theta = {name: finite(position.get(name)) for name in LOCAL}, finite(position.get("theta"))
+        self._degrees |= abs(theta) > math.tau + 1e-3
+        values |= {"theta_log": theta} if self._degrees else {"heading": math.remainder(theta, math.tau)}
+        values["speed"] = NAN
+        if isinstance(velocity, dict) and ("vx" in velocity or "vy" in velocity):
+            values["speed"] = math.hypot(finite(velocity.get("vx", 0.0)), finite(velocity.get("vy", 0.0)))
+        return values
 
     def _other(self, message: Message) -> None:
         """A message without motion: the state of a connection, a factsheet, an order."""
@@ -98,7 +111,8 @@ class _Vda(Records):
         return self.options.vehicle or "/".join(names) or "agv"
 
     def nothing(self) -> tuple[str, str]:
-        bad = f", {count(self.rows.rejected, 'line')} rejected" if self.rows.rejected else ""
+        first = next((f", the first for: {r.reason}" for r in self.rows.take().rejects), "")
+        bad = f", {count(self.rows.rejected, 'line')} rejected{first}" if first else ""
         what = f"no message with a position (other messages: {_counts(self.seen) or 'none'}{bad})"
         return what, "record the topics state and visualization"
 
@@ -108,10 +122,13 @@ class _Vda(Records):
         self.report.note(f"VDA 5050 version {', '.join(versions)}")
         for vehicle, facts in list(self.facts.items())[:5]:
             self.report.note(f"factsheet of {vehicle}: {facts}")
-        if self.connections:
-            self.report.note(f"connections: {_counts(self.connections, 5)}")
-        if self.seen:
-            self.report.note(f"left out: {_counts(self.seen)}")
+        if self._degrees:
+            self.report.note("theta goes beyond a turn of radians: kept as theta_log from there on")
+        if 0.0 < self._most <= 0.01:
+            self.report.note("no charge is above 1 %: if the robots write shares, soc is 100 times too small")
+        for what, kinds in (("connections", self.connections), ("left out", self.seen)):
+            if kinds:
+                self.report.note(f"{what}: {_counts(kinds, 6)}")
 
 
 def _counts(kinds: Counter[str], most: int | None = None) -> str:
@@ -133,15 +150,6 @@ def _message(line: bytes) -> dict[str, Any]:
 
 def _first(message: Message, *names: str) -> dict[str, Any] | None:
     return next((message[n] for n in names if isinstance(message.get(n), dict)), None)
-
-
-def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
-    """``theta`` is the contract's heading; the speed is the length of the vehicle's own velocity."""
-    values = {name: finite(position.get(name)) for name in LOCAL}
-    values |= {"heading": math.remainder(finite(position.get("theta")), math.tau), "speed": NAN}
-    if isinstance(velocity, dict) and ("vx" in velocity or "vy" in velocity):
-        values["speed"] = math.hypot(finite(velocity.get("vx", 0.0)), finite(velocity.get("vy", 0.0)))
-    return values
 
 
 def _said(message: Message, position: dict[str, Any]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from fleetlog.ingest.rows import FILE, RECORD, STUCK, Rejects, set_unknown
 
 MAX_SPEED = 60.0  # A position that implies more is impossible [m/s]; the bound of the speed column
 FARTHEST, HIGHEST = 1e8, 1e6  # No vehicle is farther or higher [m]; grids of whole countries count up to 1e7
+JUMP = "impossible jump of the position"
 JUMP_MARGIN = 20.0  # Error of two positions that no jump is made of [m]
 SHORT_JUMP = 10  # Rows; a place that is left sooner by another impossible jump was never visited
 STUCK_TIME, STUCK_ROWS = 60.0, 30  # Speed the same to the last digit so long [s, rows] while standing: stuck
@@ -33,8 +34,7 @@ def drop_duplicates(rows: Trajectory, rejects: Rejects) -> Trajectory:
     again[1:] = np.diff(rows.time) == 0
     if not again.any():
         return rows
-    first = np.maximum.accumulate(np.where(again, 0, np.arange(len(rows))))
-    same = again.copy()
+    first, same = np.maximum.accumulate(np.where(again, 0, np.arange(len(rows)))), again.copy()
     for name, values in rows.columns.items():
         if name not in (FILE, RECORD):
             array: NDArray[Any] = values.codes if isinstance(values, Labels) else values
@@ -94,14 +94,13 @@ def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
     x, y = rows.floats("x"), rows.floats("y")
     known, gone = np.isfinite(x) & np.isfinite(y), np.zeros(len(rows), bool)
     gone[known] = jump_outliers(x[known], y[known], rows.seconds()[known])
-    rejects.refuse(rows, gone, "impossible jump of the position")
+    rejects.refuse(rows, gone, JUMP)
     return rows[~gone] if gone.any() else rows
 
 
 def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
     """(N,) which positions lie on stays that were never visited."""
-    gone = np.zeros(len(x), bool)
-    index = np.arange(len(x))
+    gone, index = np.zeros(len(x), bool), np.arange(len(x))
     for _ in range(20):  # each pass takes the shortest stays; real logs are done after two or three
         step = np.hypot(np.diff(x[index]), np.diff(y[index]))
         if not len(breaks := np.flatnonzero(step > MAX_SPEED * np.diff(t[index]) + JUMP_MARGIN) + 1):
@@ -123,8 +122,7 @@ def unstick(rows: Trajectory) -> Trajectory:
     t, speed = rows.seconds(), rows.floats("speed")
     stuck = np.zeros(len(rows))
     for name in ("speed", "battery_power", "battery_current"):
-        values = rows.floats(name)
-        held = np.zeros(len(rows), bool)
+        values, held = rows.floats(name), np.zeros(len(rows), bool)
         for start, stop in _same_runs(values, t, STUCK_TIME if name == "speed" else 2 * STUCK_TIME):
             if name != "speed":
                 driven = speed[start:stop]

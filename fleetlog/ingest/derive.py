@@ -29,6 +29,7 @@ MAX_SPEED = 60.0
 SCATTER = 3.0  # Positions of a truck that stands are this many times as far apart as usual, at most
 FEWEST = 6  # Rows that tell how far apart they are
 EDGE = 3.0  # In which a truck that sets off leaves its place [s]
+READINGS = ("clockwise from north", "in degrees", "in degrees, clockwise from north")
 BLOCK = 4096  # Rows that are summed up at once
 
 
@@ -64,8 +65,7 @@ def pace_ratio(rows: Trajectory) -> float | None:
     cut = np.flatnonzero(np.diff((t - t[0]) // 30.0, prepend=-1.0))
     claimed = np.add.reduceat(speed * np.minimum(np.diff(t, prepend=t[0]), 5.0), cut)
     # The way is measured between rows some seconds apart, so that noise does not add up.
-    far = np.flatnonzero(np.diff(t // 3.0, prepend=-1.0))
-    gone = np.zeros(len(t))
+    far, gone = np.flatnonzero(np.diff(t // 3.0, prepend=-1.0)), np.zeros(len(t))
     gone[far[1:]] = np.hypot(np.diff(x[far]), np.diff(y[far]))
     way = np.add.reduceat(gone, cut)
     moving = (way > 15.0) & (claimed > 5.0)
@@ -77,9 +77,28 @@ def suspect_unit(ratios: list[float]) -> tuple[str, float] | None:
     if not ratios:
         return None
     ratio = float(np.median(ratios))
-    units = {"km/h": 3.6, "mph": 1 / 0.44704, "kn": 3600 / 1852}
+    units = {"km/h": 3.6, "mph": 1 / 0.44704, "kn": 3600 / 1852, "m/s, they in mm": 1e-3}
     near = [name for name, factor in units.items() if abs(ratio / factor - 1.0) < 0.1]
     return (near[0], ratio) if near else None
+
+
+def other_reading(rows: Trajectory) -> str | None:
+    """How the log's headings would lie ten times nearer to the way; None where they do not lie far off it."""
+    table = np.stack([rows.seconds(), *(rows.floats(name) for name in ("x", "y", "heading"))])
+    table = table[:, np.isfinite(table).all(axis=0)]
+    table = table[:, np.flatnonzero(np.diff(table[0] // 3.0, prepend=-1.0))]
+    _, east, north, turned = np.diff(table)
+    straight = np.flatnonzero((np.hypot(east, north) > 2.0) & (np.cos(turned) > 0.98))
+    if len(straight) < 10:
+        return None
+    heading, along = table[3][straight], np.arctan2(north, east)[straight]
+    degrees = np.radians(np.mod(heading, 2.0 * np.pi))  # below 6.28 they may pass for radians
+    angles = (heading, np.pi / 2.0 - heading, degrees, np.pi / 2.0 - degrees)
+    for turns in (1.0, 2.0):  # in the second, forwards and backwards are one
+        off = [1.0 - np.cos(turns * (angle - along)).mean() for angle in angles]
+        if off[0] > 0.05 and min(off) < 0.1 * off[0]:
+            return READINGS[int(np.argmin(off)) - 1]
+    return None
 
 
 def fitted_motion(t: Floats, x: Floats, y: Floats, logged: Floats | None = None) -> tuple[Floats, Floats]:
@@ -121,8 +140,7 @@ def _without_drift(t: Floats, at: Floats, moving: Mask) -> None:
     last = np.flatnonzero(stays & (apart <= SCATTER * np.median(apart[stays]))) if stays.any() else first[:0]
     begins = np.searchsorted(t, t[first[last]] + EDGE * (first[last] > 0))
     ends = np.searchsorted(t, t[last] - EDGE * (last < len(t) - 1))
-    # Stretches of one length: as many have begun as ended where there is none.
-    rows = np.arange(len(t))
+    rows = np.arange(len(t))  # Stretches of one length: as many have begun as ended where there is none.
     moving &= np.searchsorted(begins, rows, side="right") == np.searchsorted(ends, rows)
 
 

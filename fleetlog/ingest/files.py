@@ -40,8 +40,7 @@ class Log:
 
     def unusable(self, name: str, error: FleetlogError) -> ReadReport:
         """What is said of a log that could not be read at all."""
-        kind = self.importer.name if self.importer else "unknown format"
-        report = ReadReport(self.path, kind, file=name)
+        report = ReadReport(self.path, self.importer.name if self.importer else "unknown format", file=name)
         # A whole file that holds nothing of a truck's way is not damaged.
         tell = report.note if isinstance(error, DataError) else report.damaged
         tell(f"nothing is usable: {error.advice}")
@@ -157,8 +156,7 @@ def preview(
 ) -> Preview:
     """The first rows of every log among ``paths``; an error only where none can be read."""
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
-    out = Preview()
-    logs = find_logs(paths, format)
+    out, logs = Preview(), find_logs(paths, format)
     errors: list[FleetlogError] = []
     for log, name in zip(logs, names_of(logs), strict=True):
         rows, rejected = out.rows.setdefault(name, []), out.rejected.setdefault(name, [])

@@ -156,8 +156,7 @@ class Order:
     def sift(self, rows: Trajectory, *, last: bool = False) -> tuple[Trajectory, Trajectory]:
         """Rows to keep and rows to refuse."""
         rows, self._waiting = concatenate([*self._waiting, rows]), []
-        begin = run_starts(rows.time)
-        keep = np.ones(len(rows), bool)
+        begin, keep = run_starts(rows.time), np.ones(len(rows), bool)
         for start, stop in zip(begin, [*begin[1:], len(rows)], strict=True):
             run, size, final = rows.time[start:stop], stop - start, stop == len(rows)
             goes_on = start == 0 and self._end - WINDOW <= run[0] <= self._end + LEAP

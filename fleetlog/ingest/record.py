@@ -76,8 +76,7 @@ def record(
         if not capture.answered.wait(FIRST_ANSWER):
             raise InputError(no_answer, where=url, do=do)
         if capture.refused:
-            what = f"the broker refuses: {capture.refused}"
-            raise InputError(what, where=url, do="check user and password")
+            raise InputError(f"the broker refuses: {capture.refused}", where=url, do="check the password")
         capture.done.wait(None if until is None else until - time.monotonic())
     except OSError as error:
         raise InputError(f"{no_answer}: {error.strerror or error}", where=url, do=do) from None

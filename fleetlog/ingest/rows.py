@@ -22,12 +22,10 @@ from fleetlog.importers.base import Reject
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
 """Columns of the import itself, never written: number of the file, line or record in it; 1 for rows without
 positions, of a stuck sensor, and whose position repeats an older one."""
-
 BUDGET = 96 << 20  # Bytes of rows that wait in memory before they are set down
 WINDOW_ROWS = 100_000  # Rows of a vehicle that are taken up again at a time, about
 SAMPLE = 20  # Of so many rows the time of one is looked at to find where these begin
-REJECTED = "rejected.parquet"
-_FLUSH = 50_000
+REJECTED, _FLUSH = "rejected.parquet", 50_000
 _COLUMNS = ("file", "record", "kind", "reason", "text")
 _SCHEMA = pa.schema([(name, pa.int64() if name == "record" else pa.string()) for name in _COLUMNS])
 

@@ -18,7 +18,7 @@ from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Rejects, Slip, windows, with_own_columns
-from fleetlog.ingest.summary import DERIVED, MOST_PACES, Outcome
+from fleetlog.ingest.summary import DERIVED, Outcome
 from fleetlog.store.trips import STANDING_SPEED, trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from fleetlog.roads.matching import MatchParameters
 
 DEGREES = "x and y look like degrees: if they are, map them in a profile to longitude and latitude"
+AT_SEA = {"latitude": np.pi / 2.0, "longitude": np.pi}  # Within these bounds [degrees] there is no land
+RADIANS = "the positions are off the coast of Africa: if they are radians, state unit = 'rad' in a profile"
 ESTIMATE_ROWS = 2000  # The parameters of matching are estimated on the first stretch that has this many rows
 OVERLAP = 5000  # Rows kept back where a stretch has to end within a trip
 
@@ -70,6 +72,8 @@ def probe(plan: Plan, slips: Mapping[str, Sequence[Slip]]) -> Plan:
     for number, (rows, _) in enumerate(chain.from_iterable(vehicles)):
         if number == 0:
             site, notes = with_frame(plan.site, rows), (DEGREES,) if looks_like_degrees(rows) else ()
+            if "latitude" in rows and not any((np.abs(rows.floats(n)) > m).any() for n, m in AT_SEA.items()):
+                notes = (RADIANS,)
             own = {n: t for n, t in plan.own.items() if site.frame is None or n not in GEOGRAPHIC}
             plan = replace(plan, site=site, own=own, notes=notes)
         rows = VehicleImport(plan, Rejects()).prepared(rows, check=number == 0)
@@ -129,8 +133,7 @@ class VehicleImport:
 
     def _clean(self, rows: Trajectory, *, check: bool = False) -> Trajectory:
         """What a row tells by itself, and channels."""
-        site = self.plan.site
-        rows = clean.drop_impossible(clean.sort_rows(rows), self.rejects)
+        site, rows = self.plan.site, clean.drop_impossible(clean.sort_rows(rows), self.rejects)
         rows = clean.bound_values(rows, self.rejects)
         sample = into_site(rows, site.map_frames, self.plan.every)
         rows = place(sample, site)
@@ -163,13 +166,16 @@ class VehicleImport:
         if self.plan.site.network is not None and rows.vehicle_id in self.plan.positioned:
             rows = self._match(rows, self.plan.site.network)
         self.writer.write(with_own_columns(rows, self.plan.own))
-        self.out.counts["stuck"] += int(np.nansum(rows.floats(STUCK)))
-        self.out.counts["held"] += int(np.nansum(rows.floats(HELD)))
-        driven = rows.floats("speed") > STANDING_SPEED
-        watts, powers = float(np.nansum(rows.floats("battery_power")[driven])), self.out.driven_power
-        powers[rows.vehicle_id] = powers.get(rows.vehicle_id, 0.0) + watts
-        derived = "speed" in self.out.derived.get(rows.vehicle_id, ())
-        if not derived and len(self.out.paces) < MOST_PACES and (pace := derive.pace_ratio(rows)) is not None:
+        speed, powers = rows.floats("speed"), self.out.driven_power
+        power = rows.floats("battery_power")[speed > STANDING_SPEED]
+        stuck, held = (int(np.nansum(rows.floats(name))) for name in (STUCK, HELD))
+        self.out.counts.update(stuck=stuck, held=held, driven=int(np.isfinite(power).sum()))
+        self.out.counts["fast"] += int((speed >= clean.MAX_SPEED).sum())
+        powers[rows.vehicle_id] = powers.get(rows.vehicle_id, 0.0) + float(np.nansum(power))
+        derived = self.out.derived.get(rows.vehicle_id, ())
+        if "heading" not in derived and (reading := derive.other_reading(rows)):
+            self.out.readings.setdefault(rows.vehicle_id, reading)
+        if "speed" not in derived and (pace := derive.pace_ratio(rows)) is not None:
             self.out.paces.append(pace)
 
     def _match(self, rows: Trajectory, network: Network) -> Trajectory:

@@ -7,14 +7,14 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fleetlog.core.words import count, reasons, wrong_sign
+from fleetlog.core.words import count, listed, reasons, wrong_sign
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 from fleetlog.importers._open import ReadReport
+from fleetlog.ingest.clean import JUMP
 from fleetlog.ingest.derive import suspect_unit
 from fleetlog.ingest.rows import Rejects
 from fleetlog.store.trips import Columns, contents_of, trips_of
 
-MOST_PACES = 50
 DERIVED, NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text("utf-8")).values()
 
 
@@ -111,13 +111,14 @@ class Outcome:
     pieces: list[Columns] = field(default_factory=list)  # Of its trips
     columns: dict[str, str] = field(default_factory=dict)  # The unit of every column
     counts: Counter[str] = field(default_factory=Counter)
-    """Rows ``joined``, ``matched``, ``on_road``, ``kept`` with edges of the log's own, of a ``stuck`` sensor,
-    ``held`` at a repeated position, whose x, y are of an ``other_frame`` than latitude and longitude."""
+    """Rows ``joined``, ``driven`` with a power, ``fast``, ``matched``, ``on_road``, with edges ``kept``,
+    of a ``stuck`` sensor, ``held`` at a repeated position, with x, y of an ``other_frame``."""
     off_map: Counter[str] = field(default_factory=Counter)  # Rows without a road, by reason
     derived: dict[str, list[str]] = field(default_factory=dict)  # Columns made from others, by vehicle
     filled: Counter[str] = field(default_factory=Counter)  # Single values made from others, by column
     driven_power: dict[str, float] = field(default_factory=dict)  # Sum of rows that drive [W], by vehicle
     paces: list[float] = field(default_factory=list)  # Speeds of the log over those of its positions
+    readings: dict[str, str] = field(default_factory=dict)  # By vehicle, how its headings would fit the way
 
 
 def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
@@ -135,10 +136,18 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     summary.filled = dict(sorted((+filled).items()))
     why = "(unknown in the log, or rejected)"
     summary.notes += [f"{count(n, *DERIVED[name])} {why}" for name, n in summary.filled.items()]
+    jumps = counts["fast"] + sum(o.rejects.rows[JUMP] for o in outcomes)
+    counts["jumps"] = jumps * (jumps > summary.rows // 10)  # those of a receiver are single rows
     found: dict[str, tuple[Any, ...]] = {kind: (number,) for kind, number in counts.items() if number}
-    if unit := suspect_unit(paces[:MOST_PACES]):
+    watts = sum(sum(o.driven_power.values()) for o in outcomes) / max(counts["driven"], 1)
+    if 0.0 < watts < 10.0:  # standing, a small vehicle's electronics alone take more
+        found["weak"] = (watts,)
+    if unit := suspect_unit(paces):
         found["pace"] = unit[::-1]
     summary.notes += [text.format(*found[kind]) for kind, text in NOTES.items() if kind in found]
+    for reading in sorted({r for o in outcomes for r in o.readings.values()}):
+        whose = listed([v for o in outcomes for v, r in o.readings.items() if r == reading])
+        summary.notes.append(NOTES["reading"].format(whose, reading))
     if turned := [v for o in outcomes for v, power in o.driven_power.items() if power < 0.0]:
         summary.notes.append(wrong_sign(turned))
     if counts["matched"]:

@@ -24,7 +24,7 @@ KML = """<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google
 
 
 def rows(path):
-    report = ReadReport(path)
+    report = ReadReport(path, detect(path).name)
     batches = list(detect(path).read(path, ReadOptions(report)))
     return batches[0], [r for b in batches for r in b.rejects], report
 

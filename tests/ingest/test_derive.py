@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,6 +16,7 @@ from fleetlog.ingest.derive import (
     derive_power,
     fill_positions,
     fitted_motion,
+    other_reading,
     pace_ratio,
     release_held,
     suspect_unit,
@@ -119,6 +122,40 @@ def test_a_speed_in_another_unit_is_noticed(factor: float, unit: str | None) -> 
     assert ratio == pytest.approx(factor, rel=0.05)
     found = suspect_unit([ratio])
     assert (found[0] if found else None) == unit
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+@pytest.mark.parametrize(
+    ("sector", "written", "seems"),
+    [
+        (3.0, lambda h: h, None),
+        (3.0, lambda h: h + np.pi * (np.arange(len(h)) // 97 % 2), None),  # half of it backwards
+        (3.0, lambda h: h + np.pi / 2, None),  # sideways
+        (3.0, lambda h: h + 0.1, None),  # mounted askew
+        (3.0, lambda h: np.pi / 2 - h, "clockwise from north"),
+        (3.0, lambda h: np.pi / 2 - h + np.pi * (np.arange(len(h)) // 97 % 2), "clockwise from north"),
+        (0.05, lambda h: np.degrees(h + 0.06), "in degrees"),
+        (0.0, lambda h: np.full(len(h), 3.0), None),  # nothing tells three degrees from where it drives
+        (0.05, lambda h: 90.0 - np.degrees(h + np.pi / 2 - 0.06), "in degrees, clockwise from north"),
+    ],
+)
+def test_a_heading_in_another_unit_or_sense_is_noticed(
+    sector: float, written: Any, seems: str | None
+) -> None:
+    t = np.arange(0.0, 900.0)
+    rng = np.random.default_rng(4)
+    turns = np.repeat(rng.uniform(-sector, sector, 45), 20)
+    heading = written(turns)
+    shift = {"in degrees": 0.06, "in degrees, clockwise from north": np.pi / 2 - 0.06}.get(seems or "", 0.0)
+    way = turns + (shift if sector else 3.0)
+    x, y = (np.cumsum(2.0 * f(way)) + rng.normal(0, 0.05, len(t)) for f in (np.cos, np.sin))
+    columns = {"x": x, "y": y, "heading": _wrapped(heading + rng.normal(0, 0.01, len(t)))}
+    assert other_reading(Trajectory("A", (t * 1e6).astype(np.int64), columns)) == seems
+    short = Trajectory("A", (t[:20] * 1e6).astype(np.int64), {n: v[:20] for n, v in columns.items()})
+    assert other_reading(short) is None
 
 
 def test_positions_that_freeze_while_the_truck_moves_are_unknown_until_they_change() -> None:

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -62,6 +63,45 @@ def test_a_battery_that_driving_charges_is_told(tmp_path: Path, sign: int) -> No
     done = fleetlog("import", tmp_path / "log.csv", "-o", tmp_path / "out", "--no-recording")
     told = "battery power of A is negative while driving" in done.stdout
     assert done.returncode == 0 and told == (sign < 0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({}, None),
+        ({"power": 0.001}, "as if it were in kW"),
+        ({"place": 1000.0, "no speed": True}, "may be in mm"),
+        ({"place": 1000.0}, "m/s, they in mm"),
+        ({"turn": True}, "as if it were clockwise from north"),
+        ({"globe": np.pi / 180}, "if they are radians"),
+        ({"day": "2006-07-17"}, "GPS weeks rolled over"),
+    ],
+)
+def test_units_and_clocks_that_cannot_be_meant_are_asked_for(
+    tmp_path: Path, wrong: dict[str, Any], said: str | None
+) -> None:
+    lines = ["vehicle_id,timestamp,x,y,speed,heading,battery_power"]
+    if "globe" in wrong:
+        lines = [lines[0].replace("x,y", "longitude,latitude")]
+    day, scale, heading = wrong.get("day", "2026-03-02"), wrong.get("place", 1.0), 0.7
+    for i in range(300):
+        x, y = 2.0 * i * np.cos(heading) * scale, 2.0 * i * np.sin(heading) * scale
+        if "globe" in wrong:
+            x, y = (wrong["globe"] * v for v in (9.15 + 1e-5 * x, 49.97 + 1e-5 * y))
+        angle = np.pi / 2 - heading if "turn" in wrong else heading
+        cells = [
+            f"{x:.9f}",
+            f"{y:.9f}",
+            "" if "no speed" in wrong else 2.0,
+            f"{angle:.4f}",
+            3000.0 * wrong.get("power", 1.0),
+        ]
+        lines.append(f"A,{day}T05:{i // 60:02d}:{i % 60:02d}Z," + ",".join(map(str, cells)))
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    out = fleetlog("import", tmp_path / "log.csv", "-o", tmp_path / "out", "--no-recording").stdout
+    phrases = ("as if it were", "may be in mm", "radians", "rolled over")
+    assert any(p in out for p in phrases) == (said is not None), out
+    assert said is None or said in out
 
 
 def test_json_is_one_object_and_provenance_is_kept(log: Path, tmp_path: Path) -> None:

@@ -65,6 +65,16 @@ def test_an_opentcs_model_of_either_schema(tmp_path, words):
     assert reports[0].dropped == {"locked": 1}
 
 
+@pytest.mark.parametrize(
+    ("length", "told"), [("10000", False), ("10900", False), ("15000", True), ("0", False)]
+)
+def test_a_length_that_is_not_the_straight_line_s_is_said(tmp_path, length, told):
+    _, reports = site(
+        tmp_path, "model.xml", TCS.format(**NEW).replace('length="10000"', f'length="{length}"')
+    )
+    assert any("off the straight line" in note for note in reports[0].notes) == told
+
+
 @pytest.mark.parametrize(("name", "text"), [("0.yaml", GRAPH), ("a.building.yaml", BUILDING)])
 def test_open_rmf_graphs_and_buildings_are_one_network(tmp_path, name, text):
     found, _ = site(tmp_path, name, text)

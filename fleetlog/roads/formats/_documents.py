@@ -12,7 +12,6 @@ from fleetlog.core.files import read_whole
 from fleetlog.errors import SiteError
 
 __all__ = ["Element", "parse_xml", "read_json"]
-
 _LATE = re.compile(rb"\A(?>\s*(?:<!--(?>.*?-->)\s*)+)(?=<\?xml)", re.DOTALL)  # Comments before a declaration
 
 

@@ -27,13 +27,11 @@ def spiral(start: float, end: float, length: float) -> Curve:
 
     Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length for all
     curvatures, where Fresnel integrals lose digits as k1 approaches k0."""
-    rate = (end - start) / length
-    panels = 1 + math.ceil(max(abs(start), abs(end)) * length)
+    rate, panels = (end - start) / length, 1 + math.ceil(max(abs(start), abs(end)) * length)
 
     def curve(ds: Floats) -> tuple[Floats, Floats, Floats]:
         share = (np.arange(panels)[:, None] + _NODES).ravel() / panels
-        weight = np.tile(_WEIGHTS, panels) / panels
-        s = ds[:, None] * share
+        weight, s = np.tile(_WEIGHTS, panels) / panels, ds[:, None] * share
         h = start * s + rate * s * s / 2.0
         return ds * (np.cos(h) @ weight), ds * (np.sin(h) @ weight), start * ds + rate * ds * ds / 2.0
 

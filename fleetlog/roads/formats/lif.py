@@ -22,7 +22,6 @@ from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats.base import WORDS, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
 
 Item = dict[str, Any]
-
 KINDS: dict[str, PlaceKind] = WORDS["kinds"]["lif"]
 CHORD = 0.01  # largest distance [m] of a trajectory from its polyline
 LEAST, APART = 1e-6, 1e-9  # smallest weight of a control point; distance of two knots, as a share of all
@@ -42,8 +41,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
         for raw in _list(layout, "nodes"):
             name, p = str(raw.get("nodeId")), raw.get("nodePosition")
             if not isinstance(p, dict):
-                do = "export the layout with positions"
-                raise SiteError("has no position", place=f"node {name}", do=do)
+                raise SiteError("has no position", place=f"node {name}", do="export it with positions")
             if name in kinds:
                 raise SiteError("occurs twice", place=f"node {name}", do="name every node of the file apart")
             kinds[name] = _per_type(raw, "Node")
@@ -123,8 +121,7 @@ def _nurbs(raw: Any) -> Floats:
         raise SiteError(what, do="there must be points + degree + 1 knots in rising order")
     close = ((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any()
     if close or knots[degree] == knots[len(x)] or (weight < LEAST).any():
-        what = f"its knots nearly coincide or leave no curve, or a weight is below {LEAST:g}"
-        raise SiteError(what, do=again)
+        raise SiteError(f"knots nearly coincide or leave no curve, or a weight is below {LEAST:g}", do=again)
     spline = BSpline(knots, np.column_stack([x * weight, y * weight, weight]), degree)
 
     def at(u: Floats) -> Floats:

@@ -22,7 +22,6 @@ from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import WORDS, MapOptions, Reader, RoadMap, Tally, at, number
 
 Level = dict[str, Any]
-
 MARKS: dict[str, PlaceKind] = WORDS["kinds"]["open-rmf"]
 
 
@@ -101,8 +100,7 @@ def _overlaid(levels: dict[str, Level], top: dict[str, Any]) -> dict[str, tuple[
         long = [number(_options(row).get("distance")) for row in rows]
         scale = np.mean([m / p for m, p in zip(long, pixels, strict=True) if p > 0.0] or [0.0])  # m a pixel
         if not scale > 0.0:
-            do = "measure a line in the traffic editor"
-            raise SiteError("has no measurement, so its scale is unknown", do=do)
+            raise SiteError("has no measurement, so its scale is unknown", do="measure a line of it")
         out = {base: (complex(scale), 0j)}
     for name in (name for name, level in levels.items() if level.get("lanes") and name != base):
         both = sorted(marks[name].keys() & marks[base].keys())
@@ -110,8 +108,7 @@ def _overlaid(levels: dict[str, Level], top: dict[str, Any]) -> dict[str, tuple[
         if len(np.unique(mine)) < 2 or len(np.unique(there)) < 2:
             what = f"has no two fiducials in common with level {base}, so how it lies over it is unknown"
             raise SiteError(what, place=f"level {name}", do="mark the same two spots on both")
-        # the similarity that fits best
-        around, metres = mine - mine.mean(), there * out[base][0]
+        around, metres = mine - mine.mean(), there * out[base][0]  # the similarity that fits best
         factor = np.vdot(around, metres) / np.vdot(around, around)
         out[name] = complex(factor), complex(metres.mean() - factor * mine.mean())
     return out

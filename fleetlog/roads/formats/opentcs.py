@@ -1,9 +1,8 @@
 """openTCS plant models (XML, versions 0.0.2 to 7.0.0): points, paths and locations, in millimetres.
 
-A path is an edge from its source to its destination, and ``-PATH`` the other way round where it may be
-driven in reverse; a locked path is left out.  ``length`` and control points of a layout may differ from the
-straight line: the drawing of a layout is no measure of the floor, so the line is straight.  Locations become
-places by the operations that their type allows.  Source: the schemas of the openTCS project."""
+A path is an edge, and ``-PATH`` the other way round where it may be driven in reverse; a locked one is left
+out.  The drawing of a layout is no measure of the floor, so the line is straight.  Locations become places by
+the operations that their type allows.  Source: the schemas of the openTCS project."""
 
 import math
 from dataclasses import replace
@@ -23,7 +22,7 @@ OPENINGS: dict[str, PlaceKind] = WORDS["kinds"]["opentcs"]
 
 
 def _read(path: Path, options: MapOptions) -> RoadMap:
-    tally = Tally()
+    tally, odd = Tally(), 0
     model = parse_xml(path, "model", tally.notes)
     points = {str(p.get("name")): p for p in model.iterfind("point")}
     spots = Nodes((name, _spot(p)) for name, p in points.items())
@@ -38,6 +37,10 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
                 tally.dropped["locked"] += 1
             else:
                 tally.keep(*directions, shortest=MILLI)
+                straight = float(np.linalg.norm(spots[end] - spots[start]))
+                stated = number(element.get("length", "0")) * MILLI or straight
+                odd += abs(stated - straight) > 0.1 * straight
+    tally.note(odd, "path", "with a length of more than a tenth off the straight line, which is what counts")
     allowed = {str(t.get("name")): _kind([t]) for t in model.iterfind("locationType")}
     for location in model.iterfind("location"):
         links = [link for link in location.iterfind("link") if str(link.get("point")) in spots]

@@ -27,7 +27,6 @@ from fleetlog.roads.formats.base import KMH, SPEED_UNITS, WORDS, MapOptions, Rea
 Tags = dict[str, str]
 Spots = dict[str, Floats]
 Way = tuple[str, list[str], Tags]  # Id, nodes and tags
-
 DRIVEN = frozenset(WORDS["driven"]["osm"].split())
 """Classes that are driven unless the user says otherwise."""
 ALIVE = "[not(@visible = 'false' or @action = 'delete')]"  # What an editor has not deleted
@@ -41,8 +40,7 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
     nodes = {str(n.get("id")): n for n in root.xpath(f"node{ALIVE}")}
     spots = {name: spot(n.get("lon"), n.get("lat"), f"node {name}") for name, n in nodes.items()}
     ways = _ways(root, options.road_classes or DRIVEN, spots, tally)
-    tally.kept = len(ways)
-    uses = Counter(node for _, chain, _ in ways for node in chain)
+    tally.kept, uses = len(ways), Counter(node for _, chain, _ in ways for node in chain)
     parts = {name: _edges(name, chain, tags, uses, spots) for name, chain, tags in ways}
     tally.edges += [edge for name, _, _ in ways for edge in parts[name]]
     forbidden = _forbidden(root, parts, tally)
@@ -86,8 +84,7 @@ def _edges(way: str, chain: list[str], tags: Tags, uses: Counter[str], spots: Sp
     implied = "yes" if tags.get("junction") == "roundabout" or tags["highway"] == "motorway" else "no"
     oneway = tags.get("oneway", implied)
     limit, width = osm_speed(tags.get("maxspeed", "")), osm_width(tags.get("width", ""))
-    inner = [k for k in range(1, len(chain) - 1) if uses[chain[k]] > 1]
-    out = []
+    inner, out = [k for k in range(1, len(chain) - 1) if uses[chain[k]] > 1], []
     for k, (a, b) in enumerate(pairwise([0, *inner, len(chain) - 1])):
         points = np.array([spots[n] for n in chain[a : b + 1]])
         name = f"{way}:{k}" if inner else way
@@ -167,8 +164,7 @@ def _lanelet(lanelet: Any, projector: Any, rules: Any) -> Edge:
     line = np.array([(g.lon, g.lat, g.alt) for g in back]).reshape(-1, 3)
     if not np.isfinite(line).all():
         raise SiteError("a position is not a number", place=f"lanelet {lanelet.id}", do="correct the map")
-    # The defaults of a country are not the plant's.
-    stated = "speed_limit" in lanelet.attributes
+    stated = "speed_limit" in lanelet.attributes  # The defaults of a country are not the plant's.
     stated = stated or any(isinstance(r, SpeedLimit) for r in lanelet.regulatoryElements)
     limit = float(rules.speedLimit(lanelet).speedLimit) * KMH if stated else math.nan
     left, right, name = lanelet.leftBound, lanelet.rightBound, str(lanelet.id)
