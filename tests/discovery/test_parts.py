@@ -251,15 +251,15 @@ def test_a_pattern_is_the_same_in_the_basis_of_the_prior() -> None:
         assert cells.root @ (cells.inverse @ pattern) == pytest.approx(pattern, rel=near)
 
 
-def test_the_largest_slope_is_that_of_two_stretches_as_one_is_hardly_told_from_the_next() -> None:
-    """Errors of neighbours that cancel leave the mean of two as it is; alone each seems steeper."""
+def test_the_largest_slope_is_that_of_twelve_metres_as_less_is_hardly_told_from_the_next() -> None:
+    """Errors of neighbours that cancel leave the mean of three nearly as it is; alone one seems to have 5 %."""
     cells = replace(make_stretches(network()), odd=True)
     slope = np.where(cells.road_edge == 0, 0.04, 0.0) + 0.01 * (-1.0) ** np.arange(len(cells))
     slope[cells.road_edge != 0] = 0.0
     apart = np.eye(len(cells)) - 0.95 * (np.eye(len(cells), k=1) + np.eye(len(cells), k=-1)) / 2.0
     values = Values(slope, np.full(len(cells), 10), np.eye(len(cells)), 0.001**2 * apart)
     _, (steepest,) = told(cells, values, Hypothesis("grade", field=True))
-    assert steepest.value == pytest.approx(0.04, rel=0.03)
+    assert steepest.value == pytest.approx(0.04, rel=0.1)
 
 
 def test_squares_hold_a_vector_for_an_odd_field() -> None:
@@ -672,10 +672,26 @@ def test_how_well_a_number_is_known_does_not_hang_on_its_unit(monkeypatch: pytes
             Atom(np.array([i]), np.ones(1), 1e-6 * s**2, knob=k, owner=h)
             for i, (k, s) in enumerate(zip(knobs, scale, strict=True))
         ]
-        fit = SimpleNamespace(design=Design(tuple(atoms)), fitted=SimpleNamespace(beta=np.zeros(2)))
+        fit = SimpleNamespace(
+            design=Design(tuple(atoms)), fitted=SimpleNamespace(beta=np.zeros(2)), chosen=()
+        )
         problem = cast(Problem, SimpleNamespace(settings=SETTINGS))
         known.append(joint_fit.errors(joint_fit.covariance(problem, cast(Joint, fit))) * scale)
     assert known[0] == pytest.approx(known[1], rel=1e-6)
+
+
+def test_what_a_place_is_off_by_moves_shapes_that_share_it_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two shapes of nearly the same stretches are hardly told apart; an error of the place is shared by both."""
+    shapes = tuple(Pattern(np.array(w).tobytes(), "") for w in ([1.0, 1.0, 0.0], [1.0, 1.0, 1e-3]))
+    h = Hypothesis("grade", patterns=shapes)
+    gram = np.array([[4.0, 4.0 - 1e-6], [4.0 - 1e-6, 4.0]])
+    shift = np.array([0.4, 0.4])
+    monkeypatch.setattr(joint_fit, "_products", lambda *_: (gram, np.zeros((2, 2)), shift))
+    atoms = tuple(Atom(np.array([i]), np.ones(1), 1e-9, owner=h) for i in range(2))
+    fit = SimpleNamespace(design=Design(atoms), fitted=SimpleNamespace(beta=np.zeros(2)), chosen=(h,))
+    problem = cast(Problem, SimpleNamespace(settings=replace(SETTINGS, widening=0.0)))
+    field, known = np.stack([p.weights for p in shapes]), joint_fit.covariance(problem, cast(Joint, fit))
+    assert np.all(joint_fit.errors(field.T @ known @ field) < 0.4 / 4.0 * 2.0)
 
 
 def test_a_field_takes_the_place_of_its_shapes() -> None:
@@ -727,7 +743,7 @@ def test_a_tolerance_on_its_edge_hides_no_less_than_inside(monkeypatch: pytest.M
         edge = Atom(np.array([1]), np.ones(1), 4.0 / tolerance**2, low=-tolerance, high=tolerance, knob=own)
         free = Atom(np.array([0]), np.ones(1), 1e-6, knob=found, owner=h)
         fitted = SimpleNamespace(beta=np.array([1.0, at]))
-        fit = cast(Joint, SimpleNamespace(design=Design((free, edge)), fitted=fitted))
+        fit = cast(Joint, SimpleNamespace(design=Design((free, edge)), fitted=fitted, chosen=()))
         return float(joint_fit.errors(joint_fit.covariance(problem, fit))[0])
 
     assert error(0.5, 0.5) == error(0.5, 0.1)
