@@ -35,7 +35,7 @@ from fleetlog.discovery.recording.fleet import Fleet, read_fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
 from fleetlog.discovery.recording.turns import Turn, _map_explains, crossings, measure
-from fleetlog.discovery.report.fields import Values, told
+from fleetlog.discovery.report.fields import Values, together, told
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
 from fleetlog.discovery.search import finish, forward
@@ -792,6 +792,15 @@ def test_what_lies_beside_a_junction_alone_is_no_place_of_a_field_that_lies_else
         assert [(r["from"], r["to"]) for r in where["edges"]] == [
             (cells.start[a], cells.end[b]) for a, b in named
         ]
+
+
+def test_free_places_stand_out_by_one_or_by_neighbours_together_or_not_at_all() -> None:
+    """Errors of 100 W: 300 W on one stretch are told, 150 W on five in a row, and 150 W here and there are not."""
+    cells = make_stretches(network())
+    for at, watts, out in (([2], 300.0, True), ([2, 3, 4, 5, 6], 150.0, True), ([0, 4, 12], 150.0, False)):
+        field = np.where(np.isin(np.arange(len(cells)), at), watts, 0.0)
+        values = Values(field, np.full(len(cells), 10), np.eye(len(cells)), 100.0**2 * np.eye(len(cells)))
+        assert together(cells, values).any() == out
 
 
 def test_what_has_no_name_still_has_its_place() -> None:
