@@ -24,6 +24,7 @@ from fleetlog.discovery.channels.energy import _recorded
 from fleetlog.discovery.channels.energy_columns import Evaluation
 from fleetlog.discovery.channels.paths import Path as DrivenPath
 from fleetlog.discovery.channels.paths import across, kinks
+from fleetlog.discovery.channels.travel import TravelChannel
 from fleetlog.discovery.channels.waits import Waits
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern, _numbers
@@ -461,6 +462,26 @@ def test_a_stop_for_a_purpose_makes_no_second_passage(wait: float, parts: list[f
     assert [share[:10].sum(), share[10:].sum()] == pytest.approx(parts, abs=0.06)
     late = driven(at[11:], inside[1:10] > 0, {0: 0.0})
     assert late.passages(lanes.at(late.motion)[0], size)[2].sum() == 0.0
+
+
+@pytest.mark.parametrize(("others", "used"), [(0, [False, True]), (5, [True, True])])
+def test_a_stop_where_nobody_else_waits_is_no_time_of_its_road(others: int, used: list[bool]) -> None:
+    """Of two windows a truck stands in the first; it counts only if trucks wait at that place."""
+    lanes = make_stretches(network(), apart=True)
+    inside = np.ones(20, bool)
+    inside[[0, 10]] = False
+    path = driven(np.linspace(0.01, lanes.end[0] - 0.01, 20), inside, {5: 30.0})
+    counts = np.zeros((4, len(lanes)))
+    counts[:3, 0] = 20.0, others, 30.0 * others
+    still = SimpleNamespace(seconds=np.zeros(20), waits=np.zeros(20))
+    channel = SimpleNamespace(
+        waits=Waits(lanes, counts[1], counts), roads=lanes, base=None, about=lambda *_: still,
+        turns=SimpleNamespace(along=lambda s, edge, curvature, *_: curvature),
+        split=SimpleNamespace(fold=lambda _: np.zeros(2, int)),
+    )  # fmt: skip
+    laid = (path, None, np.array([40.0, 10.0]), np.ones(2, bool))
+    unit = TravelChannel._unit(cast(TravelChannel, channel), cast(Any, laid))
+    assert unit.whole.tolist() == used
 
 
 def test_waits_beside_a_border_of_two_stretches_are_those_of_one_place() -> None:
