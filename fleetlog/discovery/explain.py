@@ -118,18 +118,19 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     pair = [found.base, refit(sample, found.base.model, best, steps=1, known=sums)] if best else []
     without = {h: final.without(h) for h in named}
     fit, judged, rest, lasting = judge(problem, before.model, final, without, beside, pair, asked.share)
-    values = {h.term: _values(problem, final, h) for h in named if h.term and (h.field or h.patterns)}
+    values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
+    free = {h: _values(problem, j, covariance(problem, j), h) for h, j in beside.items() if h.field}
     # A free curve says no more than that something is left: unseen trips must show it, beyond the model's own
     # error, and of free places one at least must stand out.
     doubtful = [
-        h for h, own in beside.items() if BY_ITSELF < (judged[h].p_value or 0.0) < 1.0
-        or (h.field and not fields.together(channel.cells(None), _values(problem, own, h)).any())
+        h for h in beside if BY_ITSELF < (judged[h].p_value or 0.0) < 1.0
+        or (h in free and not fields.together(channel.cells(None), free[h]).any())
     ]  # fmt: skip
     told = [h for h in told if h not in doubtful]
     beside = {h: beside[h] for h in told if h in beside}
     findings = []
     for h in told:
-        where, parameters = _where(problem, found, h, values, numbers, beside)
+        where, parameters = _where(problem, found, h, free.get(h, values.get(h.term or "")), numbers)
         shaped = {f"{k.definition.bounds}_threshold": v for k, v in h.shapes.items() if k.definition.bounds}
         when, scope = (shaped or None, h.scope) if h not in beside else _classes(problem, beside[h])
         own = judged.get(h, Errors(fit.metric, fit.before, fit.after, fit.p_value))
@@ -230,12 +231,12 @@ def _numbers(joint: Joint, error: Floats) -> dict[Knob, Parameter]:
     return {k: interval(p, model.total(k), e, p.nominal(model.truck)) for k, p, e in known}
 
 
-def _values(problem: Problem, joint: Joint, h: Hypothesis) -> Values:
+def _values(problem: Problem, joint: Joint, known: Floats, h: Hypothesis) -> Values:
     """A field with the error of every cell; without a term in watts, or as a share of the time."""
     own = [i for i, a in enumerate(joint.design.atoms) if a.owner == h]
     cells = problem.channel.cells(h.physics)
     basis = np.column_stack([p.weights for p in h.patterns]) if h.patterns else cells.root
-    inner = covariance(problem, joint)[np.ix_(own, own)]
+    inner = known[np.ix_(own, own)]
     passes = problem.channel.passes(h.physics)
     if h.term:
         return Values(joint.model.fields[h.term], passes, basis, inner)
@@ -272,12 +273,9 @@ def _open(found: Search, h: Hypothesis) -> list[str]:
 
 
 def _where(
-    problem: Problem, found: Search, h: Hypothesis, values: dict[str, Values], numbers: dict[Knob, Parameter],
-    beside: dict[Hypothesis, Joint],
-) -> tuple[dict[str, Any] | None, list[Parameter]]:  # fmt: skip
-    if h.field or h.patterns:
-        own = beside.get(h)
-        v = values[h.term or ""] if own is None else _values(problem, own, h)
+    problem: Problem, found: Search, h: Hypothesis, v: Values | None, numbers: dict[Knob, Parameter]
+) -> tuple[dict[str, Any] | None, list[Parameter]]:
+    if v is not None and (h.field or h.patterns):
         return fields.told(problem.channel.cells(h.physics), v, h)
     out = [numbers[k] for k in h.knobs if k in numbers]
     for knob in h.shapes:

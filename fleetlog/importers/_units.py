@@ -187,8 +187,8 @@ def _epoch(stamps: Any) -> Ints:
 
 def epoch_unit(count: float) -> str | None:
     """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none but days does."""
-    units = {k: us for k, us in EPOCH_UNITS.items() if EARLIEST_LOG <= count * us <= _LATEST}
-    return next(iter(units.keys() - {"days"}), None)
+    known = (k for k, us in EPOCH_UNITS.items() if EARLIEST_LOG <= count * us <= _LATEST)
+    return next((k for k in known if k != "days"), None)
 
 
 def from_counts(values: Floats | Ints, unit: str, origin: int = 0) -> Ints:

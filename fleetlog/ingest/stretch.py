@@ -18,7 +18,7 @@ from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean, derive
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rows import CHANNEL, HELD, STUCK, WINDOW_ROWS, Rejects, Slip, windows, with_own_columns
-from fleetlog.ingest.summary import DERIVED, Outcome
+from fleetlog.ingest.summary import DERIVED, MOST_PACES, Outcome
 from fleetlog.store.trips import STANDING_SPEED, trip_ids
 from fleetlog.store.writer import NOTHING, DatasetWriter, Older
 
@@ -175,7 +175,8 @@ class VehicleImport:
         derived = self.out.derived.get(rows.vehicle_id, ())
         if "heading" not in derived and (reading := derive.other_reading(rows)):
             self.out.readings.setdefault(rows.vehicle_id, reading)
-        if "speed" not in derived and (pace := derive.pace_ratio(rows)) is not None:
+        asked = "speed" not in derived and len(self.out.paces) < MOST_PACES
+        if asked and (pace := derive.pace_ratio(rows)) is not None:
             self.out.paces.append(pace)
 
     def _match(self, rows: Trajectory, network: Network) -> Trajectory:

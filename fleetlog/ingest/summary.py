@@ -15,6 +15,7 @@ from fleetlog.ingest.derive import suspect_unit
 from fleetlog.ingest.rows import Rejects
 from fleetlog.store.trips import Columns, contents_of, trips_of
 
+MOST_PACES = 50
 DERIVED, NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text("utf-8")).values()
 
 
@@ -142,7 +143,7 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     watts = sum(sum(o.driven_power.values()) for o in outcomes) / max(counts["driven"], 1)
     if 0.0 < watts < 10.0:  # standing, a small vehicle's electronics alone take more
         found["weak"] = (watts,)
-    if unit := suspect_unit(paces):
+    if unit := suspect_unit(paces[:MOST_PACES]):
         found["pace"] = unit[::-1]
     summary.notes += [text.format(*found[kind]) for kind, text in NOTES.items() if kind in found]
     for reading in sorted({r for o in outcomes for r in o.readings.values()}):

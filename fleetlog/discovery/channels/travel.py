@@ -198,7 +198,7 @@ class TravelChannel(Channel):
         stops, *by_place = np.sum([stood for _, stood in told], axis=0)
         self.waits = Waits(self.lanes, stops, np.array(by_place))
         if alone := int(stops[~self.waits.here[self.waits.place]].sum()):
-            self.notes = [f"speed: left out {count(alone, 'stop')} where trucks do not wait otherwise"]
+            self.notes = [f"speed: left out at least {count(alone, 'stop')} where others do not wait"]
         self._learnt = True
 
     def numbers(self, date: int) -> list[int]:

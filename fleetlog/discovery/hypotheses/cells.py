@@ -171,11 +171,12 @@ class Stretches(Cells):
 
     def _root(self) -> Floats:
         """A part shared along the road, and one shared with what is near."""
+        if not self.alike:
+            return np.eye(len(self))
         same = self.road_edge[:, None] == self.road_edge[None, :]
         middle = (self.start + self.end) / 2.0
         apart = np.where(same, np.abs(middle[:, None] - middle[None, :]), np.inf)
-        near = 0.1 * np.exp(-apart / NEAR) + 0.9 * np.exp(-apart / REACH)
-        return _modes(near) if self.alike else np.eye(len(self))
+        return _modes(0.1 * np.exp(-apart / NEAR) + 0.9 * np.exp(-apart / REACH))
 
 
 def make_stretches(network: Network, *, apart: bool = False) -> Stretches:

@@ -149,9 +149,8 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     # The model's own error differs from place to place, so each place may be off by it alone.
     for h in (h for h in joint.chosen if h.patterns):
         own = [a.owner == h for a in design.atoms]
-        each = (
-            bread[:, own] * shift[own] @ np.array([p.weights / np.linalg.norm(p.weights) for p in h.patterns])
-        )
+        shape = np.array([p.weights / np.linalg.norm(p.weights) for p in h.patterns])
+        each = bread[:, own] * shift[own] @ shape
         out += each @ each.T
     return np.asarray(out)
 
