@@ -181,7 +181,8 @@ def engine(seed: int) -> Iterator[Case]:
     for site in ("plant", "yard", "none"):
         yield replace(fleet, site=site)
     for term in (*POWER, *OUTSIDE):
-        yield replace(fleet, terms=(term,))
+        # An hour that the recording does not outlast would rightly be told as a change since it began.
+        yield replace(fleet, terms=(term,), hours=2.5 if term == "hour" else fleet.hours)
 
 
 FAMILIES: dict[str, Callable[[int], Iterator[Case]]] = {

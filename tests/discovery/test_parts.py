@@ -22,8 +22,8 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.channels.choose import channel_of
 from fleetlog.discovery.channels.energy import _recorded
 from fleetlog.discovery.channels.energy_columns import Evaluation
+from fleetlog.discovery.channels.paths import Drive, _lay_out, across, kinks
 from fleetlog.discovery.channels.paths import Path as DrivenPath
-from fleetlog.discovery.channels.paths import across, kinks
 from fleetlog.discovery.channels.travel import TravelChannel
 from fleetlog.discovery.channels.waits import Waits
 from fleetlog.discovery.hypotheses.cells import make_squares, make_stretches
@@ -484,6 +484,27 @@ def test_a_stop_where_nobody_else_waits_is_no_time_of_its_road(others: int, used
     assert unit.whole.tolist() == used
 
 
+def test_nobody_knows_what_was_a_wait_where_the_log_does_not_say_how_long_a_truck_stood() -> None:
+    """Two legs follow one another, and one that is not known, and a third: of the first and the third it is
+    not known for how long the truck stood before; of the second it is."""
+
+    def leg(begin: float, whole: bool) -> Drive:
+        s = np.linspace(0.0, 12.0, 25)
+        place = {"edge": np.zeros(25, np.int32), "edge_offset": begin + s, "x": begin + s}
+        way = Motion.of(25, time=begin + s, speed=np.full(25, 1.0), **place)
+        none = np.zeros(25, bool)
+        return Drive(Leg(s, way, np.arange(25), 9.0, whole, {}), none, none, 9.0)
+
+    drives = [leg(0.0, True), leg(12.0, True), leg(14.0, False), leg(26.0, True)]
+    fleet = SimpleNamespace(network=network())
+    route = SimpleNamespace(vehicle=0, day=0, start=0.0)
+    laid = _lay_out(cast(Any, route), drives, cast(Any, fleet), make_stretches(network(), apart=True), 12.0)
+    assert laid is not None
+    path = laid[0]
+    assert np.flatnonzero(path.held).tolist() == [0, 50]
+    assert path.alone(path.of).tolist() == [False, True, False]
+
+
 def test_waits_beside_a_border_of_two_stretches_are_those_of_one_place() -> None:
     """Trucks stop now before and now behind the border: every passage has one wait, on the stretch with more
     of them; and where one stop was for another truck, nobody knows what of the passage was a wait."""
@@ -661,6 +682,7 @@ def test_a_place_that_nobody_passes_later_is_told_without_a_time(monkeypatch: py
     part = Hypothesis("surface_resistance", field=True, when=Scope(until=60.0))
     always = replace(part, when=FLEET)
     sums = SimpleNamespace(settings=SETTINGS, sums=lambda *_: None)
+    monkeypatch.setattr(forward, "trips_agree", lambda *_: True)
     monkeypatch.setattr(forward, "stood_out", lambda *_: [part])
     now = cast(Joint, SimpleNamespace(model=None, chosen=()))
     monkeypatch.setattr(forward, "scored", lambda *_: now)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,9 +13,11 @@ from hypothesis import strategies as st
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Chassis, Truck
 from fleetlog.discovery.model import FLEET, Knob, Model, Scope
+from fleetlog.discovery.search import scopes
 from fleetlog.discovery.search.beside import Beside
 from fleetlog.discovery.search.ridge import Prior
-from fleetlog.discovery.search.scopes import Column, _kind, _parts
+from fleetlog.discovery.search.scopes import Column, _kind, _parts, trips_agree
+from fleetlog.discovery.settings import SETTINGS
 from fleetlog.physics.power import battery_power
 
 TRUCK = Truck(Chassis(4000.0))
@@ -88,3 +93,22 @@ def test_a_scope_concerns_its_vehicles_and_its_time_alone() -> None:
     other, own = (battery_power(still, model.physics(v, still, lambda _: None)) for v in (0, 1))
     assert other == pytest.approx(500.0)
     assert own == pytest.approx(np.where(still.time < 40.0, 500.0, 800.0))
+
+
+@pytest.mark.parametrize(
+    ("off", "agree"), [([30.0, 20.0], False), ([5.0] * 10, True), ([5.0, -5.0] * 9, False)]
+)
+def test_a_time_is_told_by_many_trips_and_not_by_two(
+    off: list[float], agree: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fifty squares that speak for a time, from some trips out of thirty; or as many for it as against."""
+    gain = np.zeros(30)
+    gain[: len(off)] = off
+    unit = SimpleNamespace(windows=np.arange(30), whole=np.ones(30, bool), recorded=np.zeros(30))
+    problem = SimpleNamespace(
+        settings=SETTINGS, training=lambda: [unit], split=SimpleNamespace(unit=lambda w: w),
+        noise=SimpleNamespace(weight=lambda _: np.ones(30)),
+    )  # fmt: skip
+    monkeypatch.setattr(scopes, "said", lambda _problem, _unit, joint: (joint, 0.0))
+    always, timed = np.sqrt(np.maximum(gain, 0.0)), np.sqrt(np.maximum(-gain, 0.0))
+    assert trips_agree(cast(Any, problem), cast(Any, always), cast(Any, timed)) is agree

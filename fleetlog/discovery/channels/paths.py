@@ -3,6 +3,7 @@ what other trucks cost: time on stretches where one was in the way, over what th
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -177,8 +178,9 @@ def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split, shar
 
 def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, length: float) -> Laid | None:
     """Lay out the legs of a day whose ends are known."""
-    long = [v for v in drives if v.leg.whole and v.leg.distance[-1] >= SHORTEST]
-    if not (found := [v for v in long if (v.leg.path.edge >= 0).all()]):
+    long = [v.leg.whole and v.leg.distance[-1] >= SHORTEST for v in drives]
+    known = np.array([on and bool((v.leg.path.edge >= 0).all()) for on, v in zip(long, drives, strict=True)])
+    if not (found := list(compress(drives, known))):
         return None
     parts = [v.leg for v in found]
     starts, motion = np.cumsum([0, *(len(leg.distance) for leg in parts)]), join([leg.path for leg in parts])
@@ -197,6 +199,7 @@ def _lay_out(r: Route, drives: list[Drive], fleet: Fleet, lanes: Stretches, leng
     motion = motion.replaced(speed=limit, time=motion.time + r.start, vehicle=np.full(len(motion), r.vehicle))
     held = np.zeros(len(took), bool)
     held[[b + node for leg, b in zip(parts, starts, strict=False) for node in leg.stops]] = True
+    held[starts[:-1][~np.append(False, known)[:-1][known]]] = True  # Nobody knows how long it stood before
     flags = (np.concatenate([getattr(v, name) for v in found]) for name in ("behind", "astray"))
     behind, astray = (np.bincount(of, flag, count) > 0 for flag in flags)
     metres = np.bincount(of, np.where(inside, np.diff(s, prepend=s[:1]), 0.0), count).astype(np.float64)

@@ -223,11 +223,12 @@ class TravelChannel(Channel):
         m, back = path.motion, self.roads.network.reverse
         driven = self.turns.along(path.s, m.edge, m.curvature, path.inside, back)
         share = path.passages(place, self.waits.size)[2] * here
+        alone, waiting = path.alone(place), path.summed(here.astype(float)) > 0.0
         # Driving slowly is no standing: where trucks wait, of who stood only that counts.
         stood = whole & (path.summed(path.standing * here) > 0.0)
         # Where nobody else waits, it is no time of the road.
-        whole = whole & (stood | (path.summed(path.standing) == 0.0))
-        apart = (path.apart & (path.summed(here.astype(float)) > 0.0) | stood) & path.alone(place)
+        whole = whole & (stood | (path.summed(path.standing) == 0.0)) & (alone | ~waiting)
+        apart = (path.apart & waiting | stood) & alone
         path = replace(path, motion=path.motion.replaced(curvature=driven), share=share, apart=apart)
         nominal = self.about(path, self.base)
         level = path.summed(nominal.seconds + nominal.waits)

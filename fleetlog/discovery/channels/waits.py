@@ -75,7 +75,7 @@ def stands(laid: Sequence[Laid], seen: Sequence[Mask], lanes: Stretches) -> Floa
     waits = Waits(lanes, stops, np.zeros((4, n)))
     for (path, *_), use, cell in zip(laid, seen, cells, strict=True):
         place = waits.place[cell]
-        node = (use & (~path.behind | path.alone(place)))[path.of]
+        node = (use & path.alone(place))[path.of]
         of, passed, _ = path.passages(place, waits.size)
         first, wait = np.flatnonzero(np.diff(of, prepend=-1)), np.bincount(of, node * path.standing)
         counts = passed & (node[first] | (wait > 0.0))

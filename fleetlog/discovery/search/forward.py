@@ -15,7 +15,7 @@ from fleetlog.discovery.search.finish import OWN, Search, considered, formed, on
 from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tightened, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
-from fleetlog.discovery.search.scopes import narrowed, scoped, stood_out
+from fleetlog.discovery.search.scopes import narrowed, scoped, stood_out, trips_agree
 
 
 def search(problem: Problem, nominal: Model) -> Search:
@@ -76,7 +76,7 @@ def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
     if (better := _best(problem, sums, now, found, screened, worth)) is None:
         return None
     always = refit(problem, now.model, [*better.chosen[:-1], better.chosen[-1].of(FLEET)], 2)
-    if always.score - better.score > problem.settings.evidence:
+    if always.score - better.score > problem.settings.evidence and trips_agree(problem, always, better):
         return better
     found.rivals[always.chosen[-1].kind] = found.rivals[better.chosen[-1].kind]
     return always
@@ -230,7 +230,8 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
         if (h := narrowed(problem, now, timed)) is None or h.when == timed.chosen[-1].when:
             break
         timed = refit(problem, now.model, [*joint.chosen[:-1], h], 2)
-    return timed if joint.score - timed.score > problem.settings.evidence else None
+    evident = joint.score - timed.score > problem.settings.evidence
+    return timed if evident and trips_agree(problem, joint, timed) else None
 
 
 NOTHING = 0.01  # Share of the largest gain of a fold up to which a fold has nothing to say

@@ -204,6 +204,19 @@ def ended(problem: Problem, joint: Joint, h: Hypothesis) -> Hypothesis:
     return h.of(replace(scope, begin=at(scope.begin, -total), until=at(scope.until, total)))
 
 
+def trips_agree(problem: Problem, always: Joint, timed: Joint) -> bool:
+    """Return whether what speaks for a part of the time is beyond what trips differ by: two or three of them
+    that a field fits badly tell no time."""
+    told: list[Floats] = []
+    for unit in problem.training():
+        one, other = (unit.recorded - np.sum(said(problem, unit, j), axis=0) for j in (always, timed))
+        _, trip = np.unique(problem.split.unit(unit.windows), return_inverse=True)
+        gained = unit.whole * problem.noise.weight(unit) * (one**2 - other**2)
+        told.append(np.bincount(trip, gained).astype(float))
+    gain = np.concatenate(told)
+    return bool(gain.sum() > problem.settings.consistency * np.sqrt((gain**2).sum()))
+
+
 def stood_out(problem: Problem, now: Joint) -> list[Hypothesis]:
     """Return each field of roads in the part of the time in which one road says most for it, if that is worth
     a look: the model's own columns stay as they are here."""
