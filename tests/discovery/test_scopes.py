@@ -109,6 +109,6 @@ def test_a_time_is_told_by_many_trips_and_not_by_two(
         settings=SETTINGS, training=lambda: [unit], split=SimpleNamespace(unit=lambda w: w),
         noise=SimpleNamespace(weight=lambda _: np.ones(30)),
     )  # fmt: skip
-    monkeypatch.setattr(scopes, "said", lambda _problem, _unit, joint: (joint, 0.0))
+    monkeypatch.setattr(scopes, "said", lambda _problem, _unit, joint: (joint, 0.0 * joint))
     always, timed = np.sqrt(np.maximum(gain, 0.0)), np.sqrt(np.maximum(-gain, 0.0))
     assert trips_agree(cast(Any, problem), cast(Any, always), cast(Any, timed)) is agree
