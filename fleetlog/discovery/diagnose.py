@@ -136,9 +136,12 @@ def _hidden(e: Explained) -> list[str]:
     if channel.sparse and e.fit.before is not None:
         apart = ", ".join(f"{trucks[v]} ({channel.fleet.steps[v]:.0f} s)" for v in sorted(channel.sparse))
         notes.append(f"{channel.name}: not judged of trucks whose rows are too far apart: {apart}")
-    if e.strain > settings.material:
-        many = f"numbers of the truck file, each within its tolerance, change {percent(e.strain)} together"
-        notes.append(f"{channel.name}: {many}, more than chance would: one of them may be far off")
+    for vehicle, share in e.strain.items():
+        if share > settings.material:
+            whose = "" if vehicle is None else f" that set {trucks[vehicle]} apart from the others"
+            many = f"{channel.name}: numbers of the truck file{whose}, each within its tolerance, change"
+            off = "together, more than chance would: one of them may be far off"
+            notes.append(f"{many} {percent(share)} {off}")
     if e.slight is not None:
         h, share = e.slight
         notes.append(f"{channel.name}: {words.slight(h.term, h.depends_on, share, settings.material)}")

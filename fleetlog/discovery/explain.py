@@ -1,7 +1,7 @@
 """One channel, from the recording to its findings: search, judge, word."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -47,7 +47,7 @@ class Explained:
     slight: tuple[Hypothesis, float] | None = None  # What is no finding as it moves no more than this share
     unseen: Sequence[Hypothesis] = ()  # Free curves that are no finding
     bare: Model | None = None  # What is written, without what was found
-    strain: float = 0.0  # Share by which tolerances move the model together, more than by chance
+    strain: dict[int | None, float] = field(default_factory=dict)  # See :func:`joint.strain`
 
 
 class Task:
@@ -160,7 +160,7 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
         for k, n in numbers.items()
         if k not in taken and k in final.model.at and k.definition.low < n.value < k.definition.high
     ]  # fmt: skip
-    off = strain(sample, final) if channel.bends else 0.0  # How trucks are driven is a habit
+    off = strain(sample, final) if channel.bends else {}  # How trucks are driven is a habit
     told_of = order, small, values, numbers, unexplained, found.slight, doubtful, final.without(*named), off
     return Explained(problem, before.model, after, fit, *told_of)
 

@@ -861,3 +861,33 @@ def test_what_has_no_name_still_has_its_place() -> None:
     assert row["low"] < row["value"] < row["high"] and row["value"] == pytest.approx(1000.0)
     ends = cells.network.position(cells.road_edge[[1, 2]], np.array([cells.start[1], cells.end[2]]))[:, :2]
     assert where["extent"] == pytest.approx([*ends.min(axis=0), *ends.max(axis=0)])
+
+
+@pytest.mark.parametrize(("off", "told"), [([0.0, 1.2], [1]), ([1.5, 1.5], [None]), ([0.5, -0.5], [])])
+def test_what_tolerances_move_together_is_told_of_all_and_of_one_truck(off: list[float], told: list) -> None:
+    """Two trucks, of which four numbers each may be off by 2 %, and four of both: they are off by so many
+    times as much, all the same way. Chance moves four of them by 4 % together, of one truck in two by 5 %."""
+    fleet = [Knob("mass", str(k)) for k in range(4)]
+    own = [replace(k, scope=Scope((v,))) for v in range(2) for k in fleet]
+    limits = {"precision": 1.0, "low": -0.02, "high": 0.02}
+    atoms = [
+        Atom(np.array([j]), np.ones(1), **limits, vehicle=k.scope.one, knob=k)
+        for j, k in enumerate(fleet + own)
+    ]
+    both = min(off) if min(off) > 0.0 else 0.0
+    beta = 0.02 * np.repeat([both, off[0] - both, off[1] - both], 4)
+    units = [
+        SimpleNamespace(key=(v, 0.0), whole=np.ones(5, bool), windows=SimpleNamespace(vehicle=np.full(5, v)))
+        for v in range(2)
+    ]
+    channel = SimpleNamespace(
+        fleet=SimpleNamespace(vehicles=("T1", "T2")),
+        columns=lambda *_: (np.ones(5), np.ones((5, 12), np.float32)),
+    )
+    problem = SimpleNamespace(
+        channel=channel, layout=lambda _: SimpleNamespace(sources=[]), training=lambda: iter(units)
+    )
+    fit = SimpleNamespace(
+        design=Design(tuple(atoms)), model=None, chosen=(), fitted=SimpleNamespace(beta=beta)
+    )
+    assert list(joint_fit.strain(cast(Any, problem), cast(Any, fit))) == told

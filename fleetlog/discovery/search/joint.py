@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.special import ndtri
 
 from fleetlog.core.arrays import Floats
 from fleetlog.discovery.channels.base import Unit
@@ -22,6 +23,7 @@ SHARES = (1.0, 0.25)
 """A truck file that is right leaves its tolerances unused; one share for all its numbers is fitted."""
 VARIANCES = (0.03, 0.3, 3.0, 30.0)
 """Prior variances tried for fields and free curves, in units of what is usual; ten times apart will do."""
+CHANCE = 0.025  # That a number lies beyond either side of its tolerance, which is stated at 95 %
 
 
 @dataclass(frozen=True)
@@ -155,20 +157,28 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     return np.asarray(out)
 
 
-def strain(problem: Problem, joint: Joint) -> float:
-    """Return the share of the energy by which all numbers that are off within their tolerances move the model
-    together; zero where, each on its own, they might by chance (95 %)."""
-    design, energy, moved = joint.design, 0.0, np.zeros(len(joint.design.atoms))
-    sources, prior = problem.layout(joint.chosen).sources, design.prior
+def strain(problem: Problem, joint: Joint) -> dict[int | None, float]:
+    """Return the share of the energy by which numbers that are off within their tolerances move the model
+    together: all of them (None), and those that set a vehicle apart from the others. What they might by
+    chance, each on its own, is left out (95 %, of all vehicles)."""
+    design, prior = joint.design, joint.design.prior
+    sources, vehicles = problem.layout(joint.chosen).sources, len(problem.channel.fleet.vehicles)
+    energy, moved = np.zeros(vehicles), np.zeros((vehicles, len(design.atoms)))
     for unit in problem.training():
         modelled, x = problem.channel.columns(unit, joint.model, sources)
-        energy += float(modelled[unit.whole].sum())
-        moved += design.columns(x, unit.windows.vehicle)[unit.whole].sum(axis=0)
-    moved[[a.owner is not None or a.knob is None for a in design.atoms]] = 0.0
-    together = float(moved @ (joint.fitted.beta - prior.centre)) / max(energy, 1e-12)
-    own = moved != 0.0
-    likely = float(np.linalg.norm(moved[own] * (prior.high - prior.low)[own])) / 2.0 / max(energy, 1e-12)
-    return abs(together) if abs(together) > likely else 0.0
+        energy[unit.key[0]] += float(modelled[unit.whole].sum())
+        moved[unit.key[0]] += design.columns(x, unit.windows.vehicle)[unit.whole].sum(axis=0)
+    allowed = np.array([a.owner is None and a.knob is not None for a in design.atoms])
+    apart = allowed & np.array([a.vehicle is not None for a in design.atoms])
+    off, half = joint.fitted.beta - prior.centre, (prior.high - prior.low) / 2.0
+    out: dict[int | None, float] = {}
+    for v in (None, *range(vehicles)):
+        own, several = (allowed, 1) if v is None else (apart, vehicles)
+        by, total = (moved.sum(axis=0), energy.sum()) if v is None else (moved[v], energy[v])
+        together, likely = abs(float(by[own] @ off[own])), float(np.linalg.norm(by[own] * half[own]))
+        if together > likely * float(ndtri(CHANCE / several) / ndtri(CHANCE)):
+            out[v] = together / max(float(total), 1e-12)
+    return out
 
 
 def errors(covariance: Floats) -> Floats:
