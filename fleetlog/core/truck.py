@@ -99,6 +99,20 @@ class Truck:
 
 
 SECTIONS: dict[str, Any] = {f.name: f.type for f in fields(Truck) if is_dataclass(f.type)}
+
+
+@dataclass(frozen=True)
+class Watched(Truck):
+    """A truck that notes which of its sections are read."""
+
+    read: set[str] = field(default_factory=set, init=False, compare=False)
+
+    def __getattribute__(self, name: str) -> Any:
+        if name in SECTIONS:
+            super().__getattribute__("read").add(name)
+        return super().__getattribute__(name)
+
+
 PRESETS = Path(__file__).parents[1] / "physics" / "presets"
 """Folder of the trucks that come with fleetlog; every number's source stands in the file."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,8 +11,9 @@ from scipy import sparse
 from scipy.ndimage import uniform_filter1d
 from scipy.special import ndtr
 
+from fleetlog.core.arrays import Index
 from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
+from fleetlog.core.truck import Truck, Watched
 from fleetlog.discovery.channels.base import About
 from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.hypotheses.sources import UNIT, ErrorSource, FieldSource, FreeCurve, KnobSource
@@ -29,18 +30,20 @@ STEP = 0.01
 class Evaluation:
     """A motion under the physics of a model; where that changes with time, a mean over its phases.
     ``charge``: the channel is what the state of charge pays, not the power at the terminals; ``measured``
-    (n,): that power where it is recorded too, so that the state of charge is judged against it."""
+    (n,): that power where it is recorded too, so that the state of charge is judged against it; ``known``
+    what terms return, (n,) each, and the sections of the truck file that they read for it."""
 
     recorded: Motion
     physics: Physics
     charge: bool = False
     measured: Floats | None = None
+    known: dict[str, tuple[Floats, set[str]]] = field(default_factory=dict)
 
     @cached_property
     def phases(self) -> list[tuple[Floats, Evaluation]]:
         """Shares (n,) and the evaluations of what holds at one time or another."""
         found = self.physics.phases(self.recorded.time)
-        return [(share, replace(self, physics=physics)) for share, physics in found]
+        return [(share, replace(self, physics=physics, known={})) for share, physics in found]
 
     def _mean(self, value: Callable[[Evaluation], Floats]) -> Floats:
         return np.asarray(sum(share * value(e) for share, e in self.phases))
@@ -82,11 +85,19 @@ class Evaluation:
 
     @cached_property
     def _forces(self) -> ByTerm:
-        return acting(self.motion, self.truck, self.physics, "force")
+        return self._acting("force")
 
     @cached_property
     def _powers(self) -> ByTerm:
-        return acting(self.motion, self.truck, self.physics, "power")
+        return self._acting("power")
+
+    def _acting(self, acts: str) -> ByTerm:
+        terms = [(t.name, t, t.function) for t in self.physics.active if t.acts == acts and t.function]
+        for name, term, function in (t for t in terms if t[0] not in self.known):
+            truck = Watched(**vars(self.truck))
+            told = function(self.motion, truck, self.physics.values_along(term, self.motion))
+            self.known[name] = told, truck.read
+        return {name: self.known[name][0] for name, *_ in terms}
 
     @cached_property
     def _drawn(self) -> Floats:
@@ -97,7 +108,10 @@ class Evaluation:
         return self._sum(self._powers)
 
     def _sum(self, by_term: ByTerm) -> Floats:
-        return sum(by_term.values(), np.zeros(len(self.recorded)))
+        total = np.zeros(len(self.recorded))
+        for values in by_term.values():
+            total += values
+        return total
 
     def _driven(self, force: Floats) -> Floats:
         drive = self.truck.drive
@@ -121,7 +135,11 @@ class Evaluation:
         simple = term.acts in ("force", "power", "drive") and not any(p.truck_key for p in term.parameters)
         if not simple or term.function is None or self.measured is not None:
             physics = Physics(self.physics.truck, {**self.physics.values, term.name: after})
-            return Evaluation(self.recorded, physics, self.charge, self.measured).power - self.power
+            # A term that reads no section which changes returns what it did.
+            parts = {p.truck_key.split(".")[0] for p in term.parameters if p.truck_key}
+            same = {n: k for n, k in self.known.items() if n != term.name and not parts & k[1]}
+            same = {} if term.acts == "load" else same
+            return Evaluation(self.recorded, physics, self.charge, self.measured, same).power - self.power
         # One term's force or power is all that changes: no need of the whole sum.
         given = {"force": self.force} if term.acts == "drive" else {}
         new = term.function(self.motion, self.truck, {**after, **given})
@@ -207,10 +225,15 @@ class EnergyAbout(About):
             return np.zeros((self.own.count, 1))
         change: Floats = getattr(self, f"_{source.name}")
         if source.road is not None:
-            cells = self.channel.cells(None)
-            assert isinstance(cells, Stretches)
-            change = change * (cells.road(self.own.motion.edge) == source.road)
+            change = change * (self._road == source.road)
         return self.own.energy(change)[:, None]
+
+    @cached_property
+    def _road(self) -> Index:
+        """(n,) the road of every sample."""
+        cells = self.channel.cells(None)
+        assert isinstance(cells, Stretches)
+        return cells.road(self.own.motion.edge)
 
     @cached_property
     def _lag(self) -> Floats:
