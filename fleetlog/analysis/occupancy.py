@@ -1,7 +1,5 @@
 """What trucks do where: sums over rows per cell and stretch, which add over days, vehicles and shifts."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -54,11 +52,11 @@ class HeatMap:
     edges: Floats
     units: list[tuple[Ints, Floats]]
 
-    def __add__(self, other: HeatMap) -> HeatMap:
+    def __add__(self, other: "HeatMap") -> "HeatMap":
         """The map of both, over the same cells."""
         return HeatMap(self.cells, self.grid + other.grid, self.edges + other.edges, self.units + other.units)
 
-    def add(self, p: Patch) -> None:
+    def add(self, p: "Patch") -> None:
         """Add the sums of a vehicle-day."""
         c = self.cells
         row, column = p.row - round(c.y0 / c.cell), p.column - round(c.x0 / c.cell)

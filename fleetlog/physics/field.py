@@ -1,7 +1,5 @@
 """A number that varies over the roads: the first parameter of a field term, per stretch of directed edge."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -35,7 +33,7 @@ class Field:
     def __len__(self) -> int:
         return len(self.value)
 
-    def __getitem__(self, index: Indices | Mask) -> Field:
+    def __getitem__(self, index: Indices | Mask) -> "Field":
         """The stretches of an index array or mask."""
         return Field(*(getattr(self, f.name)[index] for f in fields(self)))
 

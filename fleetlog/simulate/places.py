@@ -1,22 +1,17 @@
 """Places of a recording: where its trucks stand again and again, and what they do there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import DataFrame, Floats, Ints
 from fleetlog.core.site import Place, Site
 from fleetlog.errors import DataError
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED, runs
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
 MIN_DWELL = 8.0  # A shorter standstill is a wait on the way, unless the load changes [s]
@@ -153,7 +148,7 @@ def clusters(stands: Stands, min_visits: int = MIN_VISITS, loads: bool = False) 
     return np.asarray(out, dtype=np.int64)
 
 
-def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
+def place_table(stands: Stands, cluster: Ints) -> DataFrame:
     """One row a place: id, kind, x, y, spread [m], visits, vehicles, dwell [s], shares of visits."""
     import pandas as pd
 
@@ -178,7 +173,7 @@ def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     return out.reset_index(drop=True)
 
 
-def mined_site(site: Site, table: pd.DataFrame, reach: float = KNOWN) -> tuple[Site, list[str]]:
+def mined_site(site: Site, table: DataFrame, reach: float = KNOWN) -> tuple[Site, list[str]]:
     """The site with the mined places that it does not have yet; and the place of every row of ``table``."""
     places, names = list(site.places), []
     for first, kind, x, y in table[["place", "kind", "x", "y"]].itertuples(index=False, name=None):

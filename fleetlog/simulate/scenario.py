@@ -1,7 +1,5 @@
 """What one simulation is made of, what one more of a scarce thing brings; experiments that vary settings."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -9,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fleetlog import engines, scratch
 from fleetlog.core.arguments import NONE, Factor
+from fleetlog.core.arrays import DataFrame
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
@@ -27,9 +26,6 @@ from fleetlog.simulate.limits import MATERIAL, Resource, Summary
 from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.tasks import Demand
 from fleetlog.store.writer import DatasetWriter
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MEASURES = {
     "tasks_per_h": "tasks done per hour", "task_wait_s": "mean time that a task waits for a truck [s]",
@@ -232,7 +228,7 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
+def _compared(runs: DataFrame, names: list[str]) -> DataFrame:
     """One row a variant: means over the seeds, half widths, and the paired change from the first variant."""
     import pandas as pd
 
@@ -250,7 +246,7 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
-def told_rows(table: pd.DataFrame, names: Sequence[str]) -> list[list[str]]:
+def told_rows(table: DataFrame, names: Sequence[str]) -> list[list[str]]:
     """The variants in words, below their heads; ``names`` are those of what is varied."""
 
     def number(row: Mapping[Any, Any], name: str, unit: str = "", sign: str = "") -> str:
@@ -270,7 +266,7 @@ def told_rows(table: pd.DataFrame, names: Sequence[str]) -> list[list[str]]:
     return rows if table.task_wait_s.any() else [[*row[:-2], row[-1]] for row in rows]
 
 
-def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
+def _shapes(runs: DataFrame, factors: Sequence[Factor]) -> list[Any]:
     """A plot of each measure over the first factor's values, a curve for each combination of the others."""
     first, rest = factors[0], [f.name for f in factors[1:]]
     groups = list(runs.groupby(rest, sort=False)) if rest else [((), runs)]

@@ -1,7 +1,5 @@
 """What the compiled loop of the simulator sees: the roads, and every truck, as arrays; types of trucks."""
 
-from __future__ import annotations
-
 from collections import namedtuple
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -200,7 +198,7 @@ class Trucks:
     own: tuple[Hashable, ...] = ()  # What else tells the kinds apart
 
     @classmethod
-    def given(cls, trucks: Truck | Sequence[Truck], vehicles: int) -> Trucks:
+    def given(cls, trucks: Truck | Sequence[Truck], vehicles: int) -> "Trucks":
         """One truck a vehicle; of one truck alone as many as there are, the last of them its ``others``."""
         if isinstance(trucks, Truck):
             if len(others := [truck for truck, count in trucks.others for _ in range(count)]) > vehicles:

@@ -1,7 +1,5 @@
 """Reading a dataset by vehicle and day, from a folder or a URL (``s3://``, ``gs://``, ``az://``)."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import tempfile
@@ -10,7 +8,7 @@ from contextlib import contextmanager, suppress
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -18,16 +16,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog import scratch
-from fleetlog.core.arrays import microseconds
+from fleetlog.core.arrays import DataFrame, microseconds
 from fleetlog.core.files import is_url, located
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
 from fleetlog.errors import DataError, FleetlogError, InputError, OutputError, chosen
 from fleetlog.version import FORMAT_VERSION
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 REMAKE = "make the dataset again"
 DESCRIPTION = {"kind": str, "site": dict, "vehicles": dict, "rows": int, "columns": dict, "provenance": dict}
@@ -59,7 +53,7 @@ class Dataset:
         """For another process: by its name; the description tells a dataset that was made again."""
         return _reopened, (str(self.path) if is_url(self.path) else self.path, self._text)
 
-    def here(self) -> Dataset:
+    def here(self) -> "Dataset":
         """The dataset in this process, where it was handed to it as it was: connections do not fork."""
         return _reopened(str(self.path), self._text) if is_url(self.path) else self
 
@@ -136,7 +130,7 @@ class Dataset:
             return (self.path / "site.json").read_text(encoding="utf-8")
 
     @cached_property
-    def trips(self) -> pd.DataFrame:
+    def trips(self) -> DataFrame:
         """One row a trip; see :func:`fleetlog.store.trips.trips_of`."""
         import pandas as pd
 
