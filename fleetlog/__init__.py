@@ -9,8 +9,7 @@ DataFrames, and a result has ``tables``, ``summary``, ``save()``, ``show()`` and
     fleetlog.analyze.density(recorded, threshold=20.0).show()
     fleetlog.diagnose(recorded, truck="truck.toml").save("diagnosis")
 
-Nothing is imported before it is used.
-"""
+Nothing is imported before it is used."""
 
 from __future__ import annotations
 

@@ -93,8 +93,7 @@ class Term:
     wait       nothing of its own: its first parameter is the time that every passage stands still, s
     traffic    nothing of its own: time lost while other vehicles were in the way, as their positions show
     sensor     nothing of its own: a fault of the recording, not of the vehicle
-    =========  ==========================================================================================
-    """
+    =========  =========================================================================================="""
 
     name: str
     acts: Literal["force", "power", "drive", "load", "truck", "loss", "speed", "wait", "traffic", "sensor"]

@@ -4,9 +4,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import DataFrame, Floats, Ints
+from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Place, Site
 from fleetlog.errors import DataError
 from fleetlog.store.dataset import Dataset
@@ -60,8 +61,6 @@ class Stands:
 
 def find_stands(dataset: Dataset) -> Stands:
     """All standstills of a dataset; one pass over its rows."""
-    import pandas as pd
-
     code = {v: float(i) for i, v in enumerate(dataset.vehicles)}
     days = each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
     if not (found := [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]):
@@ -131,7 +130,6 @@ def joined(points: NDArray[Any], reach: float = REACH) -> Ints:
 def clusters(stands: Stands, min_visits: int = MIN_VISITS, loads: bool = False) -> Ints:
     """(N,) place of every stand, from west to east, -1: under ``min_visits``; see :func:`joined`. With
     ``loads`` one stand is enough where a load changed; such places come last."""
-    import pandas as pd
     from scipy.spatial import cKDTree
 
     at, number = np.column_stack([stands.x, stands.y]), np.full(len(stands), -1)
@@ -148,10 +146,8 @@ def clusters(stands: Stands, min_visits: int = MIN_VISITS, loads: bool = False) 
     return np.asarray(out, dtype=np.int64)
 
 
-def place_table(stands: Stands, cluster: Ints) -> DataFrame:
+def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     """One row a place: id, kind, x, y, spread [m], visits, vehicles, dwell [s], shares of visits."""
-    import pandas as pd
-
     change, here = stands.after - stands.before, cluster >= 0
     t = pd.DataFrame({
         "x": stands.x, "y": stands.y, "vehicle": stands.vehicle, "dwell": stands.dwell,
@@ -173,7 +169,7 @@ def place_table(stands: Stands, cluster: Ints) -> DataFrame:
     return out.reset_index(drop=True)
 
 
-def mined_site(site: Site, table: DataFrame, reach: float = KNOWN) -> tuple[Site, list[str]]:
+def mined_site(site: Site, table: pd.DataFrame, reach: float = KNOWN) -> tuple[Site, list[str]]:
     """The site with the mined places that it does not have yet; and the place of every row of ``table``."""
     places, names = list(site.places), []
     for first, kind, x, y in table[["place", "kind", "x", "y"]].itertuples(index=False, name=None):

@@ -10,10 +10,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from fleetlog import engines, scratch
 from fleetlog.core.arguments import NONE, Factor
-from fleetlog.core.arrays import DataFrame
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
@@ -179,8 +179,6 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
     """Run every variant of every base, which differ in their seeds alone. Tables ``runs`` (a row a variant
     and seed) and ``variants`` (means over the seeds, half widths of their 95 % intervals, changes paired by
     seed). :class:`DataError` for no factor, or where no run is possible."""
-    import pandas as pd
-
     plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
     rows = []
     results = engines.current().run(attempt, [s for *_, s in plan], lambda s: f"seed {s.settings.seed}")
@@ -228,10 +226,8 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _compared(runs: DataFrame, names: list[str]) -> DataFrame:
+def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """One row a variant: means over the seeds, half widths, and the paired change from the first variant."""
-    import pandas as pd
-
     first = runs[runs.variant == 0].set_index("seed")
     out = []
     for number, group in runs.groupby("variant"):
@@ -246,7 +242,7 @@ def _compared(runs: DataFrame, names: list[str]) -> DataFrame:
     return pd.DataFrame(out)
 
 
-def told_rows(table: DataFrame, names: Sequence[str]) -> list[list[str]]:
+def told_rows(table: pd.DataFrame, names: Sequence[str]) -> list[list[str]]:
     """The variants in words, below their heads; ``names`` are those of what is varied."""
 
     def number(row: Mapping[Any, Any], name: str, unit: str = "", sign: str = "") -> str:
@@ -266,7 +262,7 @@ def told_rows(table: DataFrame, names: Sequence[str]) -> list[list[str]]:
     return rows if table.task_wait_s.any() else [[*row[:-2], row[-1]] for row in rows]
 
 
-def _shapes(runs: DataFrame, factors: Sequence[Factor]) -> list[Any]:
+def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
     """A plot of each measure over the first factor's values, a curve for each combination of the others."""
     first, rest = factors[0], [f.name for f in factors[1:]]
     groups = list(runs.groupby(rest, sort=False)) if rest else [((), runs)]
