@@ -17,7 +17,7 @@ from fleetlog.core.arguments import NONE, Factor
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import count, percent
+from fleetlog.core.words import Sentences, percent
 from fleetlog.errors import DataError, FleetlogError, nearest
 from fleetlog.listening import listening, progress, unheard
 from fleetlog.physics.power import Physics
@@ -27,6 +27,7 @@ from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.tasks import Demand
 from fleetlog.store.writer import DatasetWriter
 
+SAID = Sentences(__file__)
 MEASURES = {
     "tasks_per_h": "tasks done per hour", "task_wait_s": "mean time that a task waits for a truck [s]",
     "waiting_share": "share of the trucks' time spent waiting [%]",
@@ -114,14 +115,13 @@ def _one_more(scenario: Scenario, before: Summary, scarce: Resource) -> dict[str
         return {"what": what, "statement": f"{what}: not possible ({after})"}
     if scarce.count == next(r.count for r in after.limits.resources if r.kind == scarce.kind):
         return {"what": what, "statement": f"{what}: there is no room for it beside the road"}
-    done, waiting = after.count.tasks_done, after.waiting_s
-    waits = before.limits.task_wait_s["mean"], after.limits.task_wait_s["mean"]
-    statement = f"{what}: {count(done, 'task')} done instead of {before.count.tasks_done:,}, "
-    statement += f"{waiting / 3600.0:.2f} truck hours of waiting instead of {before.waiting_s / 3600.0:.2f}"
+    hours = [s.waiting_s / 3600.0 for s in (after, before)]
+    waits = [s.limits.task_wait_s["mean"] for s in (after, before)]
+    statement = SAID("one_more", what=what, after=after, before=before, hours=hours)
     if max(waits) > 0.0:
-        statement += f", tasks wait {waits[1]:,.0f} s instead of {waits[0]:,.0f} s"
-    told = {"what": what, "tasks_done": done, "task_wait_s": round(waits[1], 2)}
-    return {**told, "waiting_s": round(waiting, 1), "statement": statement}
+        statement += SAID("task_wait", waits=waits)
+    told = {"what": what, "tasks_done": after.count.tasks_done, "task_wait_s": round(waits[0], 2)}
+    return {**told, "waiting_s": round(after.waiting_s, 1), "statement": statement}
 
 
 def _whole(value: str, name: str) -> int:
