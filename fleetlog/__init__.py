@@ -11,8 +11,6 @@ DataFrames, and a result has ``tables``, ``summary``, ``save()``, ``show()`` and
 
 Nothing is imported before it is used."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from types import ModuleType

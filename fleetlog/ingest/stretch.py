@@ -1,7 +1,5 @@
 """One vehicle, stretch by stretch: cleaned, placed, matched, cut into trips, written."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -47,7 +45,7 @@ class Plan:
     driven: frozenset[str] = frozenset()
     before: Older = NOTHING  # What the dataset holds that is added to
     every: MapFrame | None = None  # The frame of all rows
-    parameters: MatchParameters | None = None
+    parameters: "MatchParameters | None" = None
     notes: tuple[str, ...] = ()  # What the first rows look like
 
 

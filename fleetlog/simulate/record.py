@@ -1,7 +1,5 @@
 """From steps to power and charge, and to rows of the dataset, written by threads as the fleet drives on."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Self
@@ -53,7 +51,7 @@ def locate(ground: Track, log: Log) -> Columns:
 class Meter:
     """Follows the charge of trucks (V,), and sums up the energy charged, and used less recovered [Wh]."""
 
-    def __init__(self, world: World, settings: Settings) -> None:
+    def __init__(self, world: "World", settings: "Settings") -> None:
         self.physics, self.of, self.limit = world.physics, world.trucks.of, world.site.power_limit
         self.dt, self.temperature, self.battery = settings.step, settings.temperature, settings.battery
         charges = ((b.place, b.place.kind == "charge") for b in world.bays)
@@ -130,7 +128,7 @@ class Recorder:
     Leaving the block without :meth:`flush` gives up what is not written."""
 
     def __init__(
-        self, writer: DatasetWriter, names: list[str], world: World, settings: Settings, steps: int,
+        self, writer: DatasetWriter, names: list[str], world: "World", settings: "Settings", steps: int,
         total: int,
     ) -> None:  # fmt: skip
         self.writer, self.names, self.edges = writer, names, world.track.network.edge_ids
