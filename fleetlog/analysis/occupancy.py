@@ -146,8 +146,7 @@ def compute(
     dataset: Dataset, cells: Raster, by: Grouping | None = None, hours: tuple[int, int] | None = None,
     vehicles: tuple[str, ...] = (), state: str = "all",
 ) -> dict[str, HeatMap]:  # fmt: skip
-    """One map a group, else that of ``all``, be it empty, in one pass over the rows; the groups' maps add up
-    to the map of all."""
+    """One map a group, else that of ``all``, be it empty, in one pass; groups' maps add up to that of all."""
     floor, roads = (6, cells.rows, cells.columns), (6, int(stretches(dataset.site.network)[-1]))
     out = defaultdict[str, HeatMap](lambda: HeatMap(cells, np.zeros(floor), np.zeros(roads), []))
     asked = cells.cell, by, hours, state

@@ -85,8 +85,7 @@ def state_bars(name: str, hours: pd.DataFrame) -> Bars:
 
 
 def states(dataset: Dataset) -> pd.DataFrame:
-    """Intervals by vehicle: vehicle_id, state, whether it is ``charged``, start, end; they partition the
-    time of each."""
+    """Intervals that partition each vehicle's time: vehicle_id, state, ``charged`` or not, start, end."""
     if (activities := read_table(dataset, "activities")) is not None:
         named = activities.assign(state=activities["activity"].map(OF_ACTIVITY))
         named = named[named["end"] > named["start"]]

@@ -70,8 +70,8 @@ class Flows:
 
 @dataclass(frozen=True)
 class MovingLines:
-    """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m) with flags; the
-    legend calls them ``label``."""
+    """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m), with flags;
+    ``label`` in the legend."""
 
     name: str
     time: Ints

@@ -55,8 +55,8 @@ class Part:
 
 def table(frame: pd.DataFrame, columns: str, caption: str = "", most: int = 60) -> Table:
     """The first rows of a frame; ``columns``, or those of this name in ``tables.toml``, are lines of
-    ``heading=column`` or ``heading=column format``: one of Python's, ``%`` for a share, ``t`` for a local
-    time. Unknown columns are left out."""
+    ``heading=column`` or ``heading=column format``: Python's, ``%`` a share, ``t`` a local time. Unknown
+    columns are left out."""
     lines = TABLES.get(columns, columns).strip().splitlines()
     specs = [(head, *f"{spec} ".split(" ")[:2]) for head, spec in (line.split("=") for line in lines)]
     shown = [spec for spec in specs if spec[1] in frame]

@@ -151,8 +151,7 @@ def _number(row: dict[str, str], name: str, default: float, start: int = 0) -> f
 
 
 def check_doable(tasks: Sequence[Task], loads: Mapping[str, float]) -> None:
-    """Raise where a task is for a truck that is not simulated, or too heavy for all that may do it; ``loads``
-    are what the trucks carry [kg]."""
+    """Raise where a task is for a truck that is not simulated, or too heavy for the ``loads`` [kg] of all."""
     strongest = max(loads.values())
     for task in tasks:
         if task.vehicle is not None and task.vehicle not in loads:

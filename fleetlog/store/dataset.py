@@ -201,8 +201,7 @@ def undamaged(path: Path) -> Iterator[None]:
 def _pieces(
     files: Sequence[Path], vehicle: str, columns: Sequence[str] | None, rows: int | None = None
 ) -> Iterator[Trajectory]:
-    """The rows of some files, file by file or ``rows`` at a time, of ``columns`` those that a file has; they
-    must be in the order of time."""
+    """The rows of files in order of time, file by file or ``rows`` at a time, of ``columns`` those there."""
     before, asked = -(1 << 62), None if columns is None else dict.fromkeys(["timestamp", *columns])
     for file in files:
         row = 1

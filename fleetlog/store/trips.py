@@ -99,8 +99,7 @@ def contents_of(pieces: Iterable[Columns]) -> tuple[dict[str, int], str | None, 
 
 
 def trips_of(pieces: Sequence[Columns]) -> DataFrame:
-    """One row a trip, by vehicle and trip, from its pieces; rows without a trip as one of the number -1. What
-    a piece lacks its trip lacks."""
+    """One row a trip, by vehicle and trip; -1 are rows without one. What a piece lacks its trip lacks."""
     import pandas as pd
 
     if not (pieces := [p for p in pieces if p]):
