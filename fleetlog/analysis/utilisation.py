@@ -152,7 +152,8 @@ def charging(t: Trajectory) -> Mask:
     """(N,) whether the battery is charged from each row to the next, and gives nothing meanwhile."""
     power, soc = measured_power(t), soc_level(t)
     falls = np.diff(soc, append=soc[-1:]) < 0.0
-    return row_states(t)[1] & ~np.where(np.isfinite(power) & ~silences(t), power > 0.0, falls)
+    gives = np.where(np.isfinite(power) & ~silences(t), power > 0.0, falls)
+    return row_states(t)[1] & ~gives
 
 
 def _rising(t: Trajectory, still: Mask, silent: Mask) -> Mask:

@@ -35,7 +35,8 @@ def estimate_line(e: Estimate) -> str:
     said = f"{e.value if e.status == 'fitted' else e.prior:.4g}{'' if unit == '1' else f' {unit}'}"
     if e.status == "fitted":
         return f"{e.unknown.words}: {said} ({e.low:.4g} to {e.high:.4g}); was {e.prior:.4g}"
-    return f"{e.unknown.words}: {'kept at' if e.status == 'held' else 'not measured by itself; was'} {said}"
+    kept = "kept at" if e.status == "held" else "not measured by itself; was"
+    return f"{e.unknown.words}: {kept} {said}"
 
 
 def lines(fit: Fit) -> list[str]:

@@ -76,7 +76,8 @@ def _told_apart(names: Iterable[str]) -> Iterator[str]:
 
 
 def _shape(n: Network, points: Floats) -> str:
-    return " ".join(",".join(f"{c:.3f}" for c in p[: 3 if n.has_elevation else 2]) for p in points.tolist())
+    width = 3 if n.has_elevation else 2
+    return " ".join(",".join(f"{c:.3f}" for c in p[:width]) for p in points.tolist())
 
 
 def _junction(net: Any, n: Network, v: int, names: dict[str, str], links: list[Connection]) -> None:

@@ -131,7 +131,8 @@ class VehicleImport:
 
     def _clean(self, rows: Trajectory, *, check: bool = False) -> Trajectory:
         """What a row tells by itself, and channels."""
-        site, rows = self.plan.site, clean.drop_impossible(clean.sort_rows(rows), self.rejects)
+        site = self.plan.site
+        rows = clean.drop_impossible(clean.sort_rows(rows), self.rejects)
         rows = clean.bound_values(rows, self.rejects)
         sample = into_site(rows, site.map_frames, self.plan.every)
         rows = place(sample, site)

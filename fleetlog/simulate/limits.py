@@ -15,10 +15,9 @@ from fleetlog.simulate.watch import Count
 SAID = Sentences(__file__)
 MATERIAL = 0.1  # What a fleet waits for during more than this share of its time limits it
 SHORT = 0.5  # Trucks limit a fleet where tasks wait for want of one for more than this share of the time
-PLACES = {
+PLACES = {  # The kind of each, and what trucks that wait for it lack
     "pick places": ("pick", PICK_PLACE), "drop places": ("drop", DROP_PLACE), "chargers": ("charge", CHARGER),
 }  # fmt: skip
-"""The kind of each, and what trucks that wait for it lack."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,8 @@ class Tally:
         found += [Resource("junctions", count, name, taken, traffic / self.seconds), trucks]
         worst = max(found[:-1], key=lambda r: r.queue)
         scarce = d.demand.endless or self.short.total() > SHORT * self.seconds
-        bottleneck = worst if worst.queue > MATERIAL * trucks.count else trucks if scarce else None
+        fleet = trucks if scarce else None
+        bottleneck = worst if worst.queue > MATERIAL * trucks.count else fleet
         some = tasks if len(tasks) else np.zeros(1)
         waits = (some.mean(), np.quantile(some, 0.95), some.max())
         summary = dict(zip(("mean", "p95", "longest"), map(float, waits), strict=True))

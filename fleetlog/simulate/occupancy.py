@@ -80,7 +80,8 @@ class Occupancy(Untangler):
         bays = np.flatnonzero(self.kind != "charge").tolist()
         order = sorted(bays, key=lambda b: bool(self.kind[b] != "park"))
         for v in range(len(self.jobs)):
-            b = next(b for b in (*self.bays_of.get(wanted(v) or "", ()), *order) if self.owner[b] < 0)
+            own = self.bays_of.get(wanted(v) or "", ())
+            b = next(b for b in (*own, *order) if self.owner[b] < 0)
             self.fleet.door[v] = self.home[v] = b
             self.fleet.spur[v] = self.world.bays[b].door.length
             self.owner[b] = v

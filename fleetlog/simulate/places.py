@@ -196,7 +196,8 @@ def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Si
         time = np.concatenate([stands.start[mine], stands.end[mine]])
         step = np.repeat([1, -1], mine.sum())
         # Who leaves as another comes makes room for it.
-        most[name] = max(most.get(name, 1), int(np.cumsum(step[np.lexsort((step, time))]).max(initial=1)))
+        together = np.cumsum(step[np.lexsort((step, time))])
+        most[name] = max(most.get(name, 1), int(together.max(initial=1)))
     seen = {p.id: 0 if p.kind == "charge" else most.get(p.id, 1) for p in site.places}
     swap = {p.id: swap[p.id] if p.id in swap and np.isnan(p.power) else p.swap for p in site.places}
     places = (replace(p, plugs=max(p.plugs, seen[p.id]), swap=swap[p.id]) for p in site.places)

@@ -28,12 +28,11 @@ from fleetlog.simulate.tasks import Demand
 from fleetlog.store.writer import DatasetWriter
 
 SAID = Sentences(__file__)
-MEASURES = {
+MEASURES = {  # What is drawn and compared, and how it is called
     "tasks_per_h": "tasks done per hour", "task_wait_s": "mean time that a task waits for a truck [s]",
     "waiting_share": "share of the trucks' time spent waiting [%]",
     "energy_per_task_wh": "energy per task done [Wh]",
 }  # fmt: skip
-"""What is drawn and compared, and how it is called."""
 LITTLE = 0.02  # One more that adds less to the tasks done than this brings little: seeds differ by as much
 MOST = 10_000  # Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand
 

@@ -137,7 +137,8 @@ def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generato
         raise InputError(f"from and to are both {row['to']!r}", do="name two places")
     payload = _number(row, "payload", 0.5 * truck.chassis.rated_load)
     earliest = _number(row, "earliest", 0.0, start)
-    vehicle = given if (given := (row.get("vehicle") or "").strip()) not in ("", "any") else None
+    given = (row.get("vehicle") or "").strip()
+    vehicle = given if given not in ("", "any") else None
     return Task(vehicle, row["from"], row["to"], payload, earliest, *random_visits(rng))
 
 

@@ -34,11 +34,10 @@ SAID = Sentences(__file__)
 Asked = SimpleNamespace  # The arguments of :func:`fleetlog.verbs.simulate.simulate`, converted
 Told = tuple[dict[str, Any], list[str]]  # A summary, and the same in sentences
 FLEET = "vehicles tasks close vary runs rate step charge_below policy chemistry "
-UNUSED = {
+UNUSED = {  # Options that runs of no fleet have no use for
     "same_mission": FLEET + "cycle duration start soc",
     "cycle": FLEET + "site like together temperature",
 }
-"""Options that runs of no fleet have no use for."""
 NEEDED = {"same_mission": "like", "together": "same_mission"}
 
 
@@ -51,7 +50,7 @@ def answer(asked: Asked) -> Answer:
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
     given = asked.site
-    site: Site = strip() if asked.cycle else asked.like.site if given is None else inputs.as_site(given)
+    site: Site = strip() if asked.cycle else inputs.as_site(given) if given is not None else asked.like.site
     asked.site = replace(site, network=site.roads().without(asked.close)) if asked.close else site
     sources = [*read, asked.like.path] if like and is_url(like) else read
     asked.origin = {"inputs": sources, "seed": asked.seed, "site": asked.site if given is not None else None}

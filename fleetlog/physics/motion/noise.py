@@ -54,8 +54,7 @@ class Observed(NamedTuple):
         return part
 
     def at(self, moments: Floats) -> tuple["Observed", Ints]:
-        """With further moments between its own, in which nothing is seen, and the index of each; between two
-        rows at rest the truck rests."""
+        """With further moments, in which nothing is seen (between rests it rests), and the index of each."""
         if np.array_equal(self.t, moments):
             return self, np.arange(len(moments))
         t, inverse = np.unique(np.append(self.t, moments), return_inverse=True)

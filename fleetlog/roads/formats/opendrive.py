@@ -59,7 +59,8 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
 
 def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> None:
     skipped: dict[str, float] = defaultdict(float)
-    default, driven = "LHT" if options.traffic == "left" else "RHT", options.lane_types or DRIVEN
+    default = "LHT" if options.traffic == "left" else "RHT"
+    driven = options.lane_types or DRIVEN
     for road in roads.values():
         left = (road.rule or default) == "LHT"
         for k, section in enumerate(road.sections):
@@ -124,7 +125,8 @@ def _centre_line(road: Road, section: Section, lane: Lane) -> Floats:
     def at(s: Floats) -> Floats:
         s = np.minimum(s, section.end - BEFORE_END)
         x, y, heading = road.plan.at(s)
-        t, roll = np.mean(_sides(road, section, lane, s), axis=0), road.superelevation.at(s)
+        t = np.mean(_sides(road, section, lane, s), axis=0)
+        roll = road.superelevation.at(s)
         flat, z = t * np.cos(roll), road.elevation.at(s) + t * np.sin(roll)
         return np.column_stack([x - flat * np.sin(heading), y + flat * np.cos(heading), z])
 
