@@ -18,8 +18,7 @@ from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Network
 from fleetlog.exporters.base import Selection
 
-DEFAULT_SPEED = 5.0
-"""Speed of a lane whose limit the map does not give [m/s]: the default top speed of a truck."""
+DEFAULT_SPEED = 5.0  # Of a lane whose limit the map does not give [m/s]: the default top speed of a truck
 HALF_WIDTH = 1.6  # Of a junction [m]: that of SUMO's own lanes
 ANYWHERE = "-10000000000.00,-10000000000.00,10000000000.00,10000000000.00"
 Connection = tuple[int, int]

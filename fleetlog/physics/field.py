@@ -10,8 +10,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.errors import InputError, nearest
 
-MARGIN = 2.0
-"""Without a map a place belongs to a stretch whose middle is within half its length and this much [m]."""
+MARGIN = 2.0  # Without a map a place is on a stretch whose middle is within half its length and this [m]
 MAX_TURN = np.pi / 3  # ... and whose heading differs by less than this [rad].
 
 

@@ -26,8 +26,7 @@ from fleetlog.version import FORMAT_VERSION
 REMAKE = "make the dataset again"
 DESCRIPTION = {"kind": str, "site": dict, "vehicles": dict, "rows": int, "columns": dict, "provenance": dict}
 """Keys of ``dataset.json`` that everything relies on, and what they are."""
-ALONE = "every truck was simulated by itself, in nobody's way"
-"""Why a mission driven again says nothing of traffic."""
+ALONE = "every truck was simulated by itself, in nobody's way"  # Such a mission says nothing of traffic
 
 
 class Dataset:

@@ -23,8 +23,7 @@ from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, connect, parse_road
 from fleetlog.roads.formats.base import HUGE, WORDS, MapOptions, Reader, RoadMap, Tally, at, number
 
-DRIVEN = frozenset(WORDS["driven"]["opendrive"].split())
-"""Lane types that are driven unless the user says otherwise."""
+DRIVEN = frozenset(WORDS["driven"]["opendrive"].split())  # Lane types driven unless the user says otherwise
 CHORD = 0.005  # largest distance [m] of a lane's centre line from its polyline
 THIN = 0.05  # a lane that is nowhere wider than this [m] is not there
 BEFORE_END = 1e-7  # a section is read this far before its end, where records of the next one start [m]
