@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
 
 from fleetlog import scratch
 from fleetlog.core.arguments import Named
-from fleetlog.core.arrays import DataFrame
 from fleetlog.core.files import is_url, located
 from fleetlog.errors import InputError
 from fleetlog.listening import notice
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from fleetlog.api.answer import Answer
     from fleetlog.core.network import Network
     from fleetlog.core.site import Site
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from fleetlog.store import Dataset
 else:
     # Nothing heavy is imported for them.
-    Answer = Dataset = Network = Physics = Site = Truck = Any
+    Answer = DataFrame = Dataset = Network = Physics = Site = Truck = Any
 
 PathLike: TypeAlias = Annotated[str | os.PathLike[str], Named("PATH", path=True)]
 TableLike: TypeAlias = Annotated[PathLike | DataFrame, Named("FILE", path=True)]
