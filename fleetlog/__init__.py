@@ -9,10 +9,7 @@ DataFrames, and a result has ``tables``, ``summary``, ``save()``, ``show()`` and
     fleetlog.analyze.density(recorded, threshold=20.0).show()
     fleetlog.diagnose(recorded, truck="truck.toml").save("diagnosis")
 
-Nothing is imported before it is used.
-"""
-
-from __future__ import annotations
+Nothing is imported before it is used."""
 
 import importlib
 import sys
@@ -41,12 +38,11 @@ if TYPE_CHECKING:
     from fleetlog.verbs.simulate import simulate
     from fleetlog.verbs.view import view
 
-NAMES = {
+NAMES = {  # What is offered beside the verbs, and where it is
     "read_logs": "verbs.import_:import_", "Result": "api.answer:Answer", "open": "api.inputs:as_dataset",
     "Dataset": "store:Dataset", "FleetlogError": "errors:FleetlogError",
     "Trajectory": "core.trajectory:Trajectory",
 }  # fmt: skip
-"""What is offered beside the verbs, and where it is."""
 VERBS = (
     "import_", "simulate", "analyze", "calibrate", "diagnose", "report", "learn", "record", "export", "info",
     "view", "demo",

@@ -1,8 +1,7 @@
 """How kernels are compiled: kept on disk until numba or any kernel changes.
 
 numba itself looks only at the file that a kernel is in.  Not at the kernels in other files that were compiled
-into it, and not at the records that it takes, whose old names it would fail to find after an upgrade.
-"""
+into it, and not at the records that it takes, whose old names it would fail to find after an upgrade."""
 
 import gc
 import hashlib

@@ -84,13 +84,11 @@ MOST_NAMED = 40  # Known words that an error lists: all terms and kinds, not all
 
 
 def nearest(word: str, known: Iterable[str], said: Mapping[str, str] | None = None) -> str:
-    """``'did you mean X?'`` for the known words of which the word is ``said``, or the one closest to it; else
-    the (first) known ones."""
+    """``'did you mean X?'`` for known words of which it is ``said``, or the closest; else the first known."""
     names = sorted(known)
     texts = {name: re.findall("[a-z]+", text.lower()) for name, text in (said or {}).items()}
-    meant = [n for n in texts if word.lower() in n.split("_")] or [
-        n for n in texts if word.lower() in texts[n]
-    ]
+    low = word.lower()
+    meant = [n for n in texts if low in n.split("_")] or [n for n in texts if low in texts[n]]
     if meant:
         return f"did you mean {' or '.join(map(repr, meant[:4]))}?"
     if close := difflib.get_close_matches(word, names, n=1, cutoff=0.5):

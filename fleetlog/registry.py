@@ -4,8 +4,7 @@ Every importer, map format, physics term, analysis and exporter is one module of
 one object under an agreed name: ``IMPORTER``, ``READER``, ``TERM``, of an exporter the function ``write``, of
 an analysis the function of the module's name.  Adding a part is adding a file.  Other distributions add parts
 through entry points of the group ``fleetlog.<package>`` (for example ``fleetlog.physics.terms``), each naming
-such an object.
-"""
+such an object."""
 
 import ast
 import importlib

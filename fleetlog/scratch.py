@@ -1,8 +1,7 @@
 """The folder for what a process needs until it ends; it goes with the process, however that ends.
 
 The process locks the folder, and marks it then; the kernel lets the lock go with the process.  So a marked
-folder that nobody holds is that of a dead one, and whoever makes a folder removes it.
-"""
+folder that nobody holds is that of a dead one, and whoever makes a folder removes it."""
 
 import os
 import secrets

@@ -119,8 +119,7 @@ def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> l
     heat = maps.values(maps.compute(dataset, cells)["all"].grid, "occupancy", 1.0)
     shapes: list[Shape] = [Grid("heat", heat, cells.x0, cells.y0, 1.0, maps.LABELS["occupancy"])]
     stands = sites["existing"] != ""
-    kinds: dict[str, tuple[pd.DataFrame, Literal["charger", "charge"]]]
-    kinds = {
+    kinds: dict[str, tuple[pd.DataFrame, Literal["charger", "charge"]]] = {
         "new site (share of demand)": (sites[~stands], "charger"),
         "kept charger": (sites[stands], "charge"),
     }

@@ -16,7 +16,7 @@ from fleetlog.core.arguments import Between
 from fleetlog.core.arrays import HOUR, Floats, Ints, microseconds
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
-from fleetlog.core.words import count, percent
+from fleetlog.core.words import Sentences
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.dataset import ALONE
@@ -28,6 +28,7 @@ STEPS = 2_000_000
 ROW_COST = 2e-6
 SILENCE = 60_000_000  # Without a row of any truck nothing is watched [us]; pauses of a log are shorter
 OF_TRIP = ("vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end")
+SAID = Sentences(__file__)
 BIN_SPEED, SPEEDS = 0.005, 1 << 16  # Speeds are counted in steps of this [m/s]; how many steps there are
 
 
@@ -201,23 +202,10 @@ def _shapes(
 
 
 def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
-    used = s["clusters"][s["used"]]
-    other = s["clusters"]["all" if s["used"] == "moving_only" else "moving_only"]
-    out = [
-        f"Congestion delayed {count(s['vehicles'], 'truck')} by {s['delay_s']:,.0f} s in {s['hours']:.2f} h, "
-        f"in {count(s['episodes'], 'critical episode')}.",
-        f"Trucks spent {used['critical_vehicle_seconds']:,.0f} truck-seconds in critical clusters "
-        f"({other['critical_vehicle_seconds']:,.0f} when standing trucks are "
-        f"{'left out' if s['used'] == 'all' else 'counted too'}), "
-        f"at most {count(used['largest'], 'truck')} in one.",
-    ]
+    moving, every = (s["clusters"][way] for way in ("moving_only", "all"))
+    used, other, how = (every, moving, "left out") if s["used"] == "all" else (moving, every, "counted too")
+    out = [SAID("delay", **s), SAID("spent", used=used, other=other, how=how)]
     if len(areas) and s["delay_s"] > 0.0:
         first = areas.iloc[0]
-        part = percent(first.delay / s["delay_s"])
-        out.append(f"Look first at area 1 ({first.roads}): it has {part} of the delay.")
-    return out + [
-        f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:,.0f} s delay "
-        f"({row.delay_low:.0f} to {row.delay_high:.0f}), {count(row.episodes, 'episode')}, "
-        f"{count(row.vehicles, 'truck')}"
-        for row in areas.head(5).itertuples()
-    ]
+        out.append(SAID("first", area=first, share=first.delay / s["delay_s"]))
+    return out + [SAID("area", area=area) for area in areas.head(5).itertuples()]

@@ -15,7 +15,7 @@ from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.arrays import Floats
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import count, percent, wrong_sign
+from fleetlog.core.words import Sentences, count, percent, wrong_sign
 from fleetlog.errors import DataError
 from fleetlog.physics.battery import BatteryModel, battery_of
 from fleetlog.physics.motion import measured_channels, reconstruct
@@ -26,6 +26,7 @@ from fleetlog.store.days import each_day
 SHIFTS = (6, 14, 22)  # Hours of the day (UTC) at which shifts begin, unless said otherwise
 ROW_COST = 4e-6  # What the books of a row cost [s]
 MOST_POINTS = 2000  # Of a curve over time
+SAID = Sentences(__file__)
 COLUMNS = (
     "x", "y", "z", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
     "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature", "charging",
@@ -104,28 +105,18 @@ def _vehicle_day(
 
 def _lines(s: dict[str, Any]) -> list[str]:
     per_km = f", {s['kwh_per_km']:.3f} kWh/km" if np.isfinite(s["kwh_per_km"]) else ""
-    trips, trucks = count(s["trips"], "trip"), count(s["vehicles"], "truck")
     causes = {t: kwh for t, kwh in s["ledger_kwh"].items() if abs(kwh) >= 0.005}
     shares = ", ".join(f"{cause(t)} {kwh:.2f}" for t, kwh in causes.items())
     auxiliary = s["auxiliary_share"]
     loads = f"; auxiliary loads take {percent(auxiliary)}" if np.isfinite(auxiliary) else ""
-    out = [
-        f"The truck model gives {s['energy_kwh']:.2f} kWh (95 % interval ± {1.96 * s['deviation_kwh']:.2f})"
-        f" for {trips} of {trucks}: {s['distance_km']:.1f} km in {s['duration_h']:.1f} h{per_km}.",
-        f"Breakdown in kWh: {shares}.",
-        f"Recovered: {s['regenerated_kwh'] + 0.0:.2f} kWh; highest power {s['peak_power_kw']:.1f} kW{loads}.",
-    ]
+    model = SAID("model", **s, half_width=1.96 * s["deviation_kwh"], per_km=per_km)
+    recovered = SAID("recovered", **s, recovered_kwh=s["regenerated_kwh"] + 0.0, loads=loads)
+    out = [model, f"Breakdown in kWh: {shares}.", recovered]
     if np.isfinite(s["measured_kwh"]) and s["measured_kwh"]:
         share = round(100.0 * s["difference_kwh"] / s["measured_kwh"], 1) + 0.0  # No -0.0
-        out.append(
-            f"Where energy was measured: {s['measured_kwh']:.2f} kWh measured, "
-            f"{s['model_beside_measured_kwh']:.2f} kWh modelled ({share:+.1f} %)."
-        )
+        out.append(SAID("measured", **s, share=share))
     if s["collapsed_s"] > 0.0:
-        out.append(
-            f"The voltage collapses (to {s['lowest_voltage_v']:.1f} V) for {s['collapsed_s']:.0f} s: "
-            "the model asks for more power than the battery can give."
-        )
+        out.append(SAID("collapse", **s))
     sources = dict(s["measured_from"])
     none = sources.pop("nothing", 0)
     known = ", ".join(f"{SOURCES[source]} ({count(n, 'trip')})" for source, n in sources.items())

@@ -14,9 +14,11 @@ from fleetlog.analysis.occupancy import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
-from fleetlog.core.words import count, listed, percent
+from fleetlog.core.words import Sentences, count, listed, percent
 from fleetlog.errors import ArgumentError, DataError
 from fleetlog.store import Dataset
+
+SAID = Sentences(__file__)
 
 
 def heatmap(
@@ -116,15 +118,11 @@ def _summary(dataset: Dataset, here: HeatMap, quantity: Quantity, smooth: float)
 
 
 def _lines(s: dict[str, Any]) -> list[str]:
-    b, energy, known = s["busiest"], "energy unknown", s["energy_known_share"]
+    energy, known = "energy unknown", s["energy_known_share"]
     if s["energy_kwh"] is not None:
         part = f" (power known for {percent(known)} of the time)" if known < 0.995 else ""
         energy = f"{s['energy_kwh']:.1f} kWh{part}"
-    out = [
-        f"The busiest place is at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} truck hours.",
-        f"In all, {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of "
-        f"{s['cell_m']:g} m, {s['distance_km']:.1f} km, {energy}, {s['standing_hours']:.1f} h standing.",
-    ]
+    out = [SAID("busiest", **s), SAID("all", **s, energy=energy)]
     if "by" in s:
         spent = ((n.replace("_", " "), v["vehicle_hours"]) for n, v in s["by"].items())
         hours = [f"{n} {h:.2f} h" for n, h in spent if h]

@@ -99,7 +99,8 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     pairs = table.groupby(["vehicle_a", "vehicle_b"]).size().sort_values(ascending=False, kind="stable")
     (a, b), top = pairs.index[0], int(pairs.iloc[0])
     few = f"no pair has more than {top} ({a} and {b})"
-    most = f"; {few if 5 * top < len(table) else f'{top:,} of them between {a} and {b}'}" if top > 1 else ""
+    told = few if 5 * top < len(table) else f"{top:,} of them between {a} and {b}"
+    most = f"; {told}" if top > 1 else ""
     return [f"{count(len(table), 'near miss', 'near misses')} between two trucks ({rule}){most}."]
 
 

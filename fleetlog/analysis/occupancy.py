@@ -1,7 +1,5 @@
 """What trucks do where: sums over rows per cell and stretch, which add over days, vehicles and shifts."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -54,11 +52,11 @@ class HeatMap:
     edges: Floats
     units: list[tuple[Ints, Floats]]
 
-    def __add__(self, other: HeatMap) -> HeatMap:
+    def __add__(self, other: "HeatMap") -> "HeatMap":
         """The map of both, over the same cells."""
         return HeatMap(self.cells, self.grid + other.grid, self.edges + other.edges, self.units + other.units)
 
-    def add(self, p: Patch) -> None:
+    def add(self, p: "Patch") -> None:
         """Add the sums of a vehicle-day."""
         c = self.cells
         row, column = p.row - round(c.y0 / c.cell), p.column - round(c.x0 / c.cell)
@@ -148,8 +146,7 @@ def compute(
     dataset: Dataset, cells: Raster, by: Grouping | None = None, hours: tuple[int, int] | None = None,
     vehicles: tuple[str, ...] = (), state: str = "all",
 ) -> dict[str, HeatMap]:  # fmt: skip
-    """One map a group, else that of ``all``, be it empty, in one pass over the rows; the groups' maps add up
-    to the map of all."""
+    """One map a group, else that of ``all``, be it empty, in one pass; groups' maps add up to that of all."""
     floor, roads = (6, cells.rows, cells.columns), (6, int(stretches(dataset.site.network)[-1]))
     out = defaultdict[str, HeatMap](lambda: HeatMap(cells, np.zeros(floor), np.zeros(roads), []))
     asked = cells.cell, by, hours, state

@@ -12,12 +12,14 @@ from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.words import Sentences, percent
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 
 COLUMNS = ("x", "y", "speed", "edge_id")
 EVENTS = ("vehicle_id", "start", "end", "duration", "top_speed", "limit", "place", "x", "y")
 WORST = 12
+SAID = Sentences(__file__)
 
 
 def speeding(
@@ -58,16 +60,13 @@ def speeding(
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     if not s["limited_s"]:
         return ["No speed limit is known: neither the roads nor the zones of the site have one."]
-    margin = f"{100 * s['margin']:.0f} %"
+    margin = percent(s["margin"])
     if not len(table):
         return [f"No truck drives more than {margin} above the limit for {s['shortest_s']:g} s or longer."]
     places = table.groupby("place")["duration"].sum().sort_values(ascending=False, kind="stable")
     times = "once" if len(table) == 1 else f"{len(table)} times"
-    return [
-        f"Trucks exceed the limit by more than {margin} {times}, "
-        f"{100 * s['over_s'] / s['limited_s']:.1f} % of the driving time, most at {places.index[0]} "
-        f"({places.iloc[0]:.0f} s); top speed {s['top_speed_m_s']:.1f} m/s."
-    ]
+    share, where = 100 * s["over_s"] / s["limited_s"], {"place": places.index[0], "seconds": places.iloc[0]}
+    return [SAID("over", by=margin, times=times, share=share, **where, **s)]
 
 
 def limits(t: Trajectory, site: Site) -> tuple[Floats, Ints]:

@@ -7,12 +7,13 @@ import pandas as pd
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result, Shape
 from fleetlog.core.site import PlaceKind
-from fleetlog.core.words import count, listed
+from fleetlog.core.words import Sentences, listed
 from fleetlog.simulate.demand import carried
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 
+SAID = Sentences(__file__)
 KINDS: tuple[PlaceKind, ...] = ("pick", "drop", "park", "charge")
 TOML = '[[place]]\nid = "{0.id}"\nkind = "{0.kind}"\nx = {0.x:.2f}\ny = {0.y:.2f}'  # Of a site file
 
@@ -44,18 +45,11 @@ def stops(dataset: Dataset, *, min_visits: Annotated[int, Between(1, 10**9, whol
         "standing_s": float(stands.dwell.sum()), "loads_carried": len(tasks) if weighed else None,
         "site_toml": "\n".join(map(TOML.format, site.places[len(dataset.site.places) :])),
     }  # fmt: skip
-    lines = [
-        f"{summary['in_places']:,} of {count(len(stands), 'stop')} are at {count(len(table), 'place')}"
-        + (f": {listed([f'{n} {k}' for k, n in kinds.items() if n])}." if len(table) else "."),
-        f"{count(len(tasks), 'load')} went between {count(len(flows), 'pair')} of places."
-        if weighed
-        else "Loads are unknown: the dataset has no payload, so no place is known to be a pick or a drop.",
-    ]
-    for row in table.sort_values("dwell_total", ascending=False, kind="stable").head(5).itertuples():
-        lines.append(
-            f"  {row.place}: {count(row.visits, 'visit')} of {count(row.vehicles, 'truck')}, "
-            f"median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"
-        )
+    told = f": {listed([f'{n} {k}' for k, n in kinds.items() if n])}" if len(table) else ""
+    loads_told = SAID("loads", loads=len(tasks), pairs=len(flows)) if weighed else SAID("no_loads")
+    busiest = table.sort_values("dwell_total", ascending=False, kind="stable").head(5)
+    lines = [SAID("stops", **summary, told=told), loads_told]
+    lines += [SAID("place", place=place) for place in busiest.itertuples()]
     # The larger the longer trucks stand there.
     ring = 3.0 * (table.dwell_total / max(table.dwell_total.max() or 0.0, 1.0)) ** 0.5
     drawn = ((f"trucks {k} here (larger: longer)", table[table.kind == k], k) for k in KINDS)

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Bars, Flows, Marks, Result
-from fleetlog.core.words import count
+from fleetlog.core.words import Sentences, count
 from fleetlog.errors import DataError
 from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.store import Dataset
@@ -16,6 +16,7 @@ from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 MEANS = "distance_m", "duration_s", "driving_time_s"
 NEAR = 8.0  # Trip ends this close to a place are at it [m]
+SAID = Sentences(__file__)
 SQUARE, MOST_FLOWS = 10.0, 25  # Squares in place of places where a site has none [m]; arrows drawn
 
 
@@ -75,26 +76,16 @@ def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
 def _lines(s: dict[str, Any], pairs: pd.DataFrame, shortest: float) -> list[str]:
     n = s["trips"] - s["trips_driven"]
     short = f", {n:,} of them only shunting" if s["trips_driven"] else f", none of {shortest:g} m or more"
-    out = [
-        f"{count(s['vehicles'], 'truck')} made {count(s['trips'], 'trip')}{short if n else ''}: "
-        f"{s['distance_m'] / 1000.0:.1f} km in {s['driving_time_s'] / 3600.0:.1f} h of driving."
-    ]
+    km, hours = s["distance_m"] / 1000.0, s["driving_time_s"] / 3600.0
+    out = [SAID("made", **s, short=short if n else "", km=km, hours=hours)]
     if s["mean_distance_m"] is not None:
-        out.append(
-            f"The mean trip is {s['mean_distance_m']:.0f} m: {s['mean_driving_time_s']:.0f} s of driving at "
-            f"{s['mean_speed_m_s']:.2f} m/s, {s['mean_duration_s']:.0f} s with waits and the stop at its end."
-        )
+        out.append(SAID("mean", **s))
     if s["energy_wh"] is not None and s["energy_wh_per_km"] is not None:
-        left_out = f", without {count(n, 'trip')} to a charger" if (n := s["trips_charged"]) else ""
-        out.append(
-            f"Where power is known, trips took {s['energy_wh'] / 1000.0:.2f} kWh, "
-            f"{s['energy_wh_per_km'] / 1000.0:.3f} kWh/km, stops included{left_out}."
-        )
-    for r in pairs.head(5).to_dict("records"):
-        if r["from_place"] and r["to_place"]:
-            way = f"{r['from_place']} to {r['to_place']}"
-            out.append(f"  {way}: {count(r['trips'], 'trip')}, {r['distance_mean']:.0f} m")
-    return out
+        charged = f", without {count(s['trips_charged'], 'trip')} to a charger" if s["trips_charged"] else ""
+        kwh, per_km = s["energy_wh"] / 1000.0, s["energy_wh_per_km"] / 1000.0
+        out.append(SAID("energy", kwh=kwh, per_km=per_km, left_out=charged))
+    known = (r for r in pairs.head(5).to_dict("records") if r["from_place"] and r["to_place"])
+    return out + [SAID("pair", pair=pair) for pair in known]
 
 
 def _places(dataset: Dataset, table: pd.DataFrame, end: str) -> list[str]:

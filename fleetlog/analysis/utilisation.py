@@ -85,8 +85,7 @@ def state_bars(name: str, hours: pd.DataFrame) -> Bars:
 
 
 def states(dataset: Dataset) -> pd.DataFrame:
-    """Intervals by vehicle: vehicle_id, state, whether it is ``charged``, start, end; they partition the
-    time of each."""
+    """Intervals that partition each vehicle's time: vehicle_id, state, ``charged`` or not, start, end."""
     if (activities := read_table(dataset, "activities")) is not None:
         named = activities.assign(state=activities["activity"].map(OF_ACTIVITY))
         named = named[named["end"] > named["start"]]
@@ -153,7 +152,8 @@ def charging(t: Trajectory) -> Mask:
     """(N,) whether the battery is charged from each row to the next, and gives nothing meanwhile."""
     power, soc = measured_power(t), soc_level(t)
     falls = np.diff(soc, append=soc[-1:]) < 0.0
-    return row_states(t)[1] & ~np.where(np.isfinite(power) & ~silences(t), power > 0.0, falls)
+    gives = np.where(np.isfinite(power) & ~silences(t), power > 0.0, falls)
+    return row_states(t)[1] & ~gives
 
 
 def _rising(t: Trajectory, still: Mask, silent: Mask) -> Mask:

@@ -1,7 +1,5 @@
 """The result of a function of the library: numbers, tables, and how to write and show them."""
 
-from __future__ import annotations
-
 import base64
 import html
 import shutil
@@ -14,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from fleetlog import engines, scratch
 from fleetlog.api.inputs import PathLike, as_path, files_of
+from fleetlog.core.arrays import DataFrame
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
 from fleetlog.errors import DataError
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from fleetlog.store import Dataset
 
 HEAD = 5  # Rows of a table in a notebook
@@ -54,13 +51,13 @@ class Answer(Result):
     inputs: tuple[Path, ...] = ()
 
     @classmethod
-    def of(cls, result: Result, site: Site | None = None, **more: Any) -> Answer:
+    def of(cls, result: Result, site: Site | None = None, **more: Any) -> "Answer":
         """Return the answer of an analysis: its folder has JSON, tables, a picture and a recording."""
         more.setdefault("write", partial(write_folder, result, site or Site(), page=more.get("page", "")))
         return cls(**{f.name: getattr(result, f.name) for f in fields(Result)}, site=site, **more)
 
     @property
-    def dataset(self) -> Dataset:
+    def dataset(self) -> "Dataset":
         """The dataset that an import or a simulation made."""
         from fleetlog.store import Dataset
 
@@ -171,7 +168,7 @@ class Tables(dict[str, Any]):
     def __init__(self, folder: Path) -> None:
         super().__init__({p.stem: p for p in sorted(folder.glob("*.parquet"))})
 
-    def __getitem__(self, name: str) -> pd.DataFrame:
+    def __getitem__(self, name: str) -> DataFrame:
         import pandas as pd
 
         if not isinstance(table := super().__getitem__(name), pd.DataFrame):

@@ -1,8 +1,7 @@
 """A function behind a command: what it asks for, and its arguments checked as the command's are.
 
 Signature and docstring are the one source of commands and pages.  A parameter is described in the section
-``Parameters`` of the docstring as ``name : text``; one that several functions share and that a docstring
-leaves out is described in :data:`SHARED`."""
+``Parameters`` of the docstring as ``name : text``; what several share may stand in :data:`SHARED` alone."""
 
 import inspect
 import re
@@ -116,11 +115,10 @@ def description(docstring: str | None) -> str:
     return re.split(TITLE, inspect.cleandoc(docstring or ""))[0].replace("``", "").strip()
 
 
-JOBS = (
+JOBS = (  # Where jobs run
     Option("workers", None, SHARED["workers"], check=Between(1, 1024, whole=True)),
     Option("scheduler", None, SHARED["scheduler"], check=Named("ADDRESS", check=engines.address)),
 )
-"""Where jobs run."""
 Fill = Callable[[dict[str, Any], dict[str, Option]], dict[str, Any]]
 
 

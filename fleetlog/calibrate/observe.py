@@ -195,7 +195,8 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
     spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
     spread = max(spread, 0.5 * float(residual.std()), 1e-6)
     blocks = residual[: len(residual) // BLOCK * BLOCK].reshape(-1, BLOCK).sum(axis=1)
-    effect = float(blocks.var()) / (BLOCK * max(float(residual.var()), 1e-18)) if len(blocks) > 2 else 1.0
+    single = max(float(residual.var()), 1e-18)
+    effect = float(blocks.var()) / (BLOCK * single) if len(blocks) > 2 else 1.0
     sigma = np.full(count, spread * float(np.sqrt(max(effect, 1.0))))
     doubt = np.stack([summed(row) for row in _doubts(motion, physics)], axis=1)
     return Observations(measured, sigma, tuple(f"window {i}" for i in range(count)), predict, doubt)

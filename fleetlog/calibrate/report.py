@@ -6,8 +6,9 @@ import numpy as np
 
 from fleetlog.calibrate.fit import CONFIDENCE, Blind, Combination, Estimate, Fit
 from fleetlog.core.truck import truck_to_dict
-from fleetlog.core.words import count, listed, percent
+from fleetlog.core.words import Sentences, listed
 
+SAID = Sentences(__file__)
 STRONG = 0.5  # Correlations from this on are worth a word
 
 
@@ -34,34 +35,26 @@ def estimate_line(e: Estimate) -> str:
     said = f"{e.value if e.status == 'fitted' else e.prior:.4g}{'' if unit == '1' else f' {unit}'}"
     if e.status == "fitted":
         return f"{e.unknown.words}: {said} ({e.low:.4g} to {e.high:.4g}); was {e.prior:.4g}"
-    return f"{e.unknown.words}: {'kept at' if e.status == 'held' else 'not measured by itself; was'} {said}"
+    kept = "kept at" if e.status == "held" else "not measured by itself; was"
+    return f"{e.unknown.words}: {kept} {said}"
 
 
 def lines(fit: Fit) -> list[str]:
     """The answer for the terminal."""
     seen = fit.observed
     rms = [np.sqrt(np.mean(((p - seen.measured) / seen.sigma) ** 2)) for p in (fit.before, fit.after)]
-    out = [
-        f"The model misses {count(len(seen), 'measured figure')} by {rms[0]:.2f} standard deviations before "
-        f"the fit and by {rms[1]:.2f} after it.",
-        f"Fitted numbers (all intervals hold together with a probability of {percent(CONFIDENCE)}):",
-    ]
+    out = [SAID("misses", figures=len(seen), rms=rms), SAID("fitted", confidence=CONFIDENCE)]
     fitted = [e for e in fit.estimates if e.status == "fitted"]
     out += [f"  {estimate_line(e)}" for e in fitted] or ["  none: these runs determine no single number"]
     out += [f"  {estimate_line(e)}" for e in fit.estimates if e.status != "fitted"]
     out += [*map(blind_line, fit.blind)]
-    out += [
-        f"These runs determine {combination_words(c)} = {c.value:.4g} (± {percent(1.96 * c.deviation, 1)})."
-        for c in fit.combinations
-    ]
+    carried = ((combination_words(c), c.value, 1.96 * c.deviation) for c in fit.combinations)
+    out += [SAID("determine", what=what, value=value, share=share) for what, value, share in carried]
     mine = [(k, e.unknown.words) for k, e in enumerate(fit.estimates) if e.status == "fitted"]
     pairs = [(b, a, float(fit.correlation[i, j])) for i, a in mine for j, b in mine if j < i]
     out += [f"{a} and {b} are correlated ({r:+.2f})." for a, b, r in pairs if abs(r) >= STRONG]
     if fit.spread_factor > 1.5:
-        out.append(
-            f"The runs differ from the model by {fit.spread_factor:.1f} times their stated deviation; the "
-            "intervals are wider by that factor."
-        )
+        out.append(SAID("spread", fit=fit))
     return out
 
 

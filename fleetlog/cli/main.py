@@ -1,8 +1,6 @@
 """``fleetlog``: commands read from the functions of the library, whose arguments are their options; how
 answers are told; the one place that turns errors into a line and an exit status."""
 
-from __future__ import annotations
-
 import functools
 import gc
 import logging

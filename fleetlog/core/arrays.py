@@ -1,9 +1,14 @@
-"""Names of the arrays that signatures speak of; their docstrings say what is in them."""
+"""Names of the arrays and tables that signatures speak of; their docstrings say what is in them."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as DataFrame
+else:
+    DataFrame = Any  # pandas is loaded where a table is made or read
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

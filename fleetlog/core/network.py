@@ -1,7 +1,5 @@
 """The road network: directed edges with geometry, and which edge may follow which; distances from lines."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -143,7 +141,7 @@ class Network:
         dx, dy, dz = (self.points[k + 1] - self.points[k]).T
         return np.asarray(np.arctan2(dz, np.maximum(np.hypot(dx, dy), 1e-9)), dtype=np.float64)
 
-    def without(self, closed: Collection[str]) -> Network:
+    def without(self, closed: Collection[str]) -> "Network":
         """The network without some roads, named as a road (both directions) or as an edge. Turns stay as they
         are; where none is left a truck may turn round, as at any dead end."""
         for name in set(closed) - set(self.roads):
@@ -157,7 +155,7 @@ class Network:
             turns += [(edge.id, self.edge_ids[j]) for j in follow]
         return build_network([*kept.values()], turns, has_elevation=self.has_elevation)
 
-    def to_networkx(self) -> nx.DiGraph[int]:
+    def to_networkx(self) -> "nx.DiGraph[int]":
         """The line graph, edge to edge; ``length`` [m] of an arc is that of the edge it leaves."""
         import networkx as nx
 

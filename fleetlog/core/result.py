@@ -1,16 +1,11 @@
 """What an analysis answers: numbers, tables and a few shapes; ``store`` writes it, ``view`` draws it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from fleetlog.core.arrays import Array, Floats, Index, Ints, Mask
-
-if TYPE_CHECKING:
-    import pandas as pd
+from fleetlog.core.arrays import Array, DataFrame, Floats, Index, Ints, Mask
 
 
 @dataclass(frozen=True)
@@ -75,8 +70,8 @@ class Flows:
 
 @dataclass(frozen=True)
 class MovingLines:
-    """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m) with flags; the
-    legend calls them ``label``."""
+    """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m), with flags;
+    ``label`` in the legend."""
 
     name: str
     time: Ints
@@ -141,8 +136,8 @@ class Result:
 
     name: str
     summary: dict[str, Any]
-    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
-    places: dict[str, pd.DataFrame] = field(default_factory=dict)
+    tables: dict[str, DataFrame] = field(default_factory=dict)
+    places: dict[str, DataFrame] = field(default_factory=dict)
     shapes: list[Shape] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
     squares: dict[str, float] = field(default_factory=dict)

@@ -18,8 +18,7 @@ from fleetlog.core.schema import FARTHEST, Errors, Keys, Wrong, list_of, real, r
 from fleetlog.errors import InputError, SiteError
 
 PlaceKind = Literal["pick", "drop", "park", "charge"]
-Inverse = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""x, y [m] of a map to latitude, longitude [degrees]."""
+Inverse = Callable[[Floats, Floats], tuple[Floats, Floats]]  # x, y [m] of a map to latitude, longitude [deg]
 
 
 @dataclass(frozen=True)
@@ -130,8 +129,7 @@ class Site:
     breaks: tuple[tuple[float, float], ...] = ()
     """From when until when simulated trucks rest [s of the local day], or past midnight until then."""
     power_limit: float = float("inf")  # Of all chargers together [W]
-    source: dict[str, Any] = field(default_factory=dict)
-    """Where it was read from: file names and sha256, for provenance."""
+    source: dict[str, Any] = field(default_factory=dict)  # Of the files it was read from: names and sha256
 
     @property
     def timezone(self) -> str:

@@ -1,7 +1,5 @@
 """The checked table of one vehicle's motion, as arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,13 +8,12 @@ import numpy as np
 import pyarrow as pa
 
 from fleetlog.core import columns as cols
-from fleetlog.core.arrays import Array, Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Array, DataFrame, Floats, Index, Ints, Mask
 from fleetlog.errors import DataError
 from fleetlog.registry import extra
 
 if TYPE_CHECKING:
     import geopandas as gpd
-    import pandas as pd
 
     from fleetlog.core.site import Frame
 
@@ -31,7 +28,7 @@ class Labels:
     def __len__(self) -> int:
         return len(self.codes)
 
-    def __getitem__(self, index: Any) -> Labels:
+    def __getitem__(self, index: Any) -> "Labels":
         return Labels(self.codes[index], self.names)
 
     def strings(self) -> list[str | None]:
@@ -43,7 +40,7 @@ class Labels:
         return np.array([order.get(n, -1) for n in self.names] + [-1], dtype=np.int32)[self.codes]
 
     @classmethod
-    def of(cls, values: Any) -> Labels:
+    def of(cls, values: Any) -> "Labels":
         """From any sequence of strings, None meaning null."""
         import pandas as pd
 
@@ -75,7 +72,7 @@ class Trajectory:
     def __contains__(self, name: str) -> bool:
         return name in self.columns
 
-    def __getitem__(self, index: slice | Array) -> Trajectory:
+    def __getitem__(self, index: slice | Array) -> "Trajectory":
         """The rows of a slice, a boolean mask or an index array."""
         return Trajectory(self.vehicle_id, self.time[index], {k: v[index] for k, v in self.columns.items()})
 
@@ -109,22 +106,22 @@ class Trajectory:
         first = self.time[:1] if origin is None else origin
         return np.asarray((self.time - first) * 1e-6, dtype=np.float64)
 
-    def with_columns(self, **new: Values) -> Trajectory:
+    def with_columns(self, **new: Values) -> "Trajectory":
         """A copy with columns added or replaced."""
         return Trajectory(self.vehicle_id, self.time, {**self.columns, **new})
 
-    def without(self, *names: str) -> Trajectory:
+    def without(self, *names: str) -> "Trajectory":
         """A copy without some columns."""
         kept = {name: values for name, values in self.columns.items() if name not in names}
         return Trajectory(self.vehicle_id, self.time, kept)
 
-    def to_pandas(self) -> pd.DataFrame:
+    def to_pandas(self) -> DataFrame:
         """The rows as a DataFrame: ``vehicle_id``, ``timestamp`` (UTC), then every known column."""
         unknown = set(cols.NAMES) - {"vehicle_id", "timestamp", *self.columns}
-        frame: pd.DataFrame = to_arrow(self).drop_columns([*unknown]).to_pandas()
+        frame: DataFrame = to_arrow(self).drop_columns([*unknown]).to_pandas()
         return frame
 
-    def to_geopandas(self, frame: Frame | None = None) -> gpd.GeoDataFrame:
+    def to_geopandas(self, frame: "Frame | None" = None) -> "gpd.GeoDataFrame":
         """The rows as points: WGS 84 where ``frame`` (a site's) is given, else metres without a system."""
         geopandas = extra("geopandas", "geo", "a GeoDataFrame needs geopandas")
         x, y = self.floats("x"), self.floats("y")

@@ -1,6 +1,9 @@
-"""Numbers in sentences: singular and plural, percent as percent."""
+"""Numbers in sentences: singular and plural, percent as percent; the sentences of a module."""
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from string import Formatter
 from typing import Any
 
 
@@ -24,6 +27,27 @@ def reasons(counts: Mapping[str, int]) -> str:
 def listed(parts: Sequence[str]) -> str:
     """``a``, ``a and b``, ``a, b and c``."""
     return " and ".join([*([", ".join(parts[:-1])] if parts[1:] else []), *parts[-1:]])
+
+
+class Sentences(Formatter):
+    """What a module tells people, in whole sentences: its table of the ``sentences.toml`` beside it. Fields
+    are those of ``str.format``; ``{n:count truck}`` and ``{share:percent 1}`` are the functions above."""
+
+    def __init__(self, module: str) -> None:
+        file = Path(module)
+        every = tomllib.loads(file.with_name("sentences.toml").read_text(encoding="utf-8"))
+        self.texts: dict[str, str] = every[file.stem]
+
+    def __call__(self, name: str, /, **figures: Any) -> str:
+        """The sentence ``name`` with its figures."""
+        return self.vformat(self.texts[name], (), figures)
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """One figure as its field asks for it."""
+        how, _, more = format_spec.partition(" ")
+        if how == "percent":
+            return percent(value, int(more or 0))
+        return count(value, more) if how == "count" else format(value, format_spec)
 
 
 def wrong_sign(vehicles: Sequence[str]) -> str:

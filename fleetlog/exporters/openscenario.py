@@ -24,7 +24,8 @@ def write(selection: Selection, path: Path) -> None:
     """The scenario of the chosen vehicles."""
     xosc = extra("scenariogeneration.xosc", "scenario", "OpenSCENARIO needs the package scenariogeneration")
     motions = _motions(selection)
-    begin, end = min(rows[0, 0] for rows in motions.values()), max(rows[-1, 0] for rows in motions.values())
+    begin = min(rows[0, 0] for rows in motions.values())
+    end = max(rows[-1, 0] for rows in motions.values())
     about = selection.dataset.site.source.get("network", {})
     road_file = str(about.get("path", about.get("file", "")))
     roads = xosc.RoadNetwork(road_file if road_file.lower().endswith(".xodr") else None)

@@ -18,8 +18,7 @@ from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.network import Network
 from fleetlog.exporters.base import Selection
 
-DEFAULT_SPEED = 5.0
-"""Speed of a lane whose limit the map does not give [m/s]: the default top speed of a truck."""
+DEFAULT_SPEED = 5.0  # Of a lane whose limit the map does not give [m/s]: the default top speed of a truck
 HALF_WIDTH = 1.6  # Of a junction [m]: that of SUMO's own lanes
 ANYWHERE = "-10000000000.00,-10000000000.00,10000000000.00,10000000000.00"
 Connection = tuple[int, int]
@@ -76,7 +75,8 @@ def _told_apart(names: Iterable[str]) -> Iterator[str]:
 
 
 def _shape(n: Network, points: Floats) -> str:
-    return " ".join(",".join(f"{c:.3f}" for c in p[: 3 if n.has_elevation else 2]) for p in points.tolist())
+    width = 3 if n.has_elevation else 2
+    return " ".join(",".join(f"{c:.3f}" for c in p[:width]) for p in points.tolist())
 
 
 def _junction(net: Any, n: Network, v: int, names: dict[str, str], links: list[Connection]) -> None:

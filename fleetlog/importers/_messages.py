@@ -179,8 +179,7 @@ def _said_pose(m: dict[str, Any]) -> Sample:
 
 
 def _said_battery(m: dict[str, Any], unit: float = 1.0) -> Sample:
-    """ROS counts the current negative while discharging; the contract the other way round. ``unit`` is that
-    of the state of charge."""
+    """ROS counts the current negative while discharging, the contract positive; ``unit`` is of the charge."""
     voltage, current, warmth, soc = numbers(m, "voltage", "current", "temperature", "percentage")
     values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc * unit}
     values["battery_temperature"] = warmth

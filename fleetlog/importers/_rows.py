@@ -199,7 +199,8 @@ class Elements(Records):
                 # Drop what stands before the element, and before all that it is in, but for names.
                 while (parent := element.getparent()) is not None:
                     name = next(element.itersiblings("{*}name", preceding=True), None)
-                    del parent[0 if name is None else parent.index(name) + 1 : parent.index(element)]
+                    begin = 0 if name is None else parent.index(name) + 1
+                    del parent[begin : parent.index(element)]
                     element = parent
         except etree.XMLSyntaxError as error:
             line = f"line {error.position[0]}" if error.position and error.position[0] else "the start"

@@ -137,7 +137,8 @@ class Clock:
             otherwise = "(a profile says otherwise: [time] zone = ...)"
             self.report.note(f"the times state no zone: taken as UTC {otherwise}")
             return time
-        names, out = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes], time.copy()
+        names = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes]
+        out = time.copy()
         out[bare] = self.local.to_utc(time[bare], names[bare])
         self.skipped = (time != _units.NONE) & (out == _units.NONE)
         return out

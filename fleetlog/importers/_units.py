@@ -222,7 +222,8 @@ class Days:
     def dated(self, of_day: Ints) -> Ints:
         """Times [us] of times of day; ``NONE`` stays."""
         known = of_day != NONE
-        turns, out = np.cumsum(np.diff(of_day[known], prepend=self.last) < -DAY // 2), of_day.copy()
+        turns = np.cumsum(np.diff(of_day[known], prepend=self.last) < -DAY // 2)
+        out = of_day.copy()
         out[known] += self.first + turns * DAY
         if len(turns):
             self.first, self.last = self.first + int(turns[-1]) * DAY, int(of_day[known][-1])

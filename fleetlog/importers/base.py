@@ -262,7 +262,8 @@ def _column(name: str, values: Values, report: ReadReport) -> tuple[str, Values]
             return name, np.where(np.isnan(figures), -1, figures).astype(np.int64)
         report.note(f"{name!r} holds more than whole numbers: kept as {name + '_log'!r}")
         return f"{name}_log", values
-    return name, _named(as_labels(values, len(values))) if kind or isinstance(values, Labels) else values
+    is_text = kind or isinstance(values, Labels)
+    return name, _named(as_labels(values, len(values))) if is_text else values
 
 
 def _figures(values: Values) -> Floats:

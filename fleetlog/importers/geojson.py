@@ -156,7 +156,8 @@ class _GeoJson(Records):
 def _place(coordinates: Any, pair: tuple[str, ...]) -> dict[str, Any]:
     """A place in degrees stands with the longitude first."""
     given = coordinates if isinstance(coordinates, list) else []
-    return dict(zip((*(pair if pair == LOCAL else pair[::-1]), "z"), map(finite, given), strict=False))
+    names = pair if pair == LOCAL else pair[::-1]
+    return dict(zip((*names, "z"), map(finite, given), strict=False))
 
 
 def _value(field: Source, properties: dict[str, Any]) -> Any:

@@ -261,8 +261,9 @@ class _Nmea(Records):
         if self.ais and not self.seen:
             return f"only AIS: {count(self.ais, 'message')} of ships, no position of the receiver", do
         found = ", ".join(f"{n} {k}" for k, n in self.seen.most_common(8)) or "none"
-        why = f"; {self.rows.rejected} rejected, the first on line {{0.record}}: {{0.reason}}"
-        why = "".join(map(why.format, self.rows.take().rejects[:1]))
+        why = ""
+        for first in self.rows.take().rejects[:1]:
+            why = f"; {self.rows.rejected} rejected, the first on line {first.record}: {first.reason}"
         return f"no sentence with a position (readable sentences: {found}){why}", do
 
     def describe(self) -> None:

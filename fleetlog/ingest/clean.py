@@ -34,7 +34,8 @@ def drop_duplicates(rows: Trajectory, rejects: Rejects) -> Trajectory:
     again[1:] = np.diff(rows.time) == 0
     if not again.any():
         return rows
-    first, same = np.maximum.accumulate(np.where(again, 0, np.arange(len(rows)))), again.copy()
+    first = np.maximum.accumulate(np.where(again, 0, np.arange(len(rows))))
+    same = again.copy()
     for name, values in rows.columns.items():
         if name not in (FILE, RECORD):
             array: NDArray[Any] = values.codes if isinstance(values, Labels) else values

@@ -40,7 +40,8 @@ class Log:
 
     def unusable(self, name: str, error: FleetlogError) -> ReadReport:
         """What is said of a log that could not be read at all."""
-        report = ReadReport(self.path, self.importer.name if self.importer else "unknown format", file=name)
+        kind = self.importer.name if self.importer else "unknown format"
+        report = ReadReport(self.path, kind, file=name)
         # A whole file that holds nothing of a truck's way is not damaged.
         tell = report.note if isinstance(error, DataError) else report.damaged
         tell(f"nothing is usable: {error.advice}")

@@ -101,7 +101,8 @@ def _parsed(url: str) -> tuple[SplitResult, str]:
     if not known:
         raise InputError("is no address of a broker", where=url, do="write it as mqtt://HOST:PORT/TOPIC")
     # '#' begins a fragment in a URL and is a wildcard here.
-    return place, unquote(place.path.lstrip("/")) + (f"#{place.fragment}" if "#" in url else "") or "#"
+    topic = unquote(place.path.lstrip("/")) + (f"#{place.fragment}" if "#" in url else "")
+    return place, topic or "#"
 
 
 def _client(place: SplitResult, client_id: str) -> Any:

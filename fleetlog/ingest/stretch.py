@@ -1,7 +1,5 @@
 """One vehicle, stretch by stretch: cleaned, placed, matched, cut into trips, written."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -47,7 +45,7 @@ class Plan:
     driven: frozenset[str] = frozenset()
     before: Older = NOTHING  # What the dataset holds that is added to
     every: MapFrame | None = None  # The frame of all rows
-    parameters: MatchParameters | None = None
+    parameters: "MatchParameters | None" = None
     notes: tuple[str, ...] = ()  # What the first rows look like
 
 
@@ -133,7 +131,8 @@ class VehicleImport:
 
     def _clean(self, rows: Trajectory, *, check: bool = False) -> Trajectory:
         """What a row tells by itself, and channels."""
-        site, rows = self.plan.site, clean.drop_impossible(clean.sort_rows(rows), self.rejects)
+        site = self.plan.site
+        rows = clean.drop_impossible(clean.sort_rows(rows), self.rejects)
         rows = clean.bound_values(rows, self.rejects)
         sample = into_site(rows, site.map_frames, self.plan.every)
         rows = place(sample, site)

@@ -19,7 +19,7 @@ from fleetlog.core.arrays import Mask
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
 from fleetlog.core.site import Frame, Site, Zone
-from fleetlog.core.words import count
+from fleetlog.core.words import Sentences
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import SIDE, Driven, gather, moving
 from fleetlog.learn.roads import SPEED_STEP, Evidence, Roads, Settings, learn_roads
@@ -27,6 +27,7 @@ from fleetlog.simulate.places import clusters, find_stands, mined_site, place_ta
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.results import write_result, write_site
 
+SAID = Sentences(__file__)
 COLUMNS = ("x", "y", "speed", "heading")
 FREE = 0.95  # share of the rows on a road that are no faster than its speed limit as driven
 FEW = 5  # with fewer rows no speed is told
@@ -168,13 +169,9 @@ def _result(
         "proposals": lacking,
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
-    lines = [
-        f"{count(summary['roads'], 'road')}, {summary['oneway']} of them one-way, "
-        f"{count(summary['nodes'], 'junction')}, {summary['length_m']:,.0f} m of directed edges",
-        f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows are on these roads",
-        f"{count(len(places), 'place')}{told}; {count(len(site.zones), 'slow zone')}",
-        *map(sentence, lacking[:8]),
-    ]
+    matched = SAID("matched", share=100.0 * e.matched / max(e.rows, 1), **summary)
+    lines = [SAID("roads", **summary), matched, SAID("places", **summary, told=told)]
+    lines += map(sentence, lacking[:8])
     if proposed == []:
         lines.append("the map that was given has every road that is driven, in its direction")
     if len(lacking) > 8:
@@ -233,9 +230,5 @@ def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[
 
 def sentence(proposal: dict[str, Any]) -> str:
     """A proposal for a person."""
-    if proposal["kind"] == "wrong one-way":
-        what = "{of_map} is one-way in the map and driven against it at ({x:.0f}, {y:.0f})"
-    else:
-        length = proposal["end"] - proposal["begin"]
-        what = f"a road of {length:.0f} m is missing at ({{x:.0f}}, {{y:.0f}}) ({{edge_id}})"
-    return (what + ": {passes} passes of {trucks} trucks on {days} days").format(**proposal)
+    what = "one_way" if proposal["kind"] == "wrong one-way" else "missing"
+    return SAID(what, **proposal, length=proposal["end"] - proposal["begin"])

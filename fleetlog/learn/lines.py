@@ -130,7 +130,8 @@ def _ordered(pixels: Ints) -> Ints:
     line: nx.Graph[int] = nx.Graph()
     line.add_nodes_from(range(len(pixels)))
     line.add_edges_from(cKDTree(pixels).query_pairs(1.5))
-    return pixels[list(nx.dfs_preorder_nodes(line, next((i for i, count in line.degree if count < 2), 0)))]
+    begin = next((i for i, count in line.degree if count < 2), 0)
+    return pixels[list(nx.dfs_preorder_nodes(line, begin))]
 
 
 def _knots(knots: Index, pixel: Ints) -> list[int]:

@@ -141,7 +141,8 @@ def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
     offset = _middle(mean, seen & used[:, None])
     left = np.array([np.average(m, weights=s + 1e-9) for m, s in zip(mean - offset, sums[:, 0], strict=True)])
     first, second = (sums[:, k].sum(axis=1) / np.maximum(total, 1e-9) for k in (1, 2))
-    moved = replace(c, points=c.points + offset[:, None] * np.column_stack([-tangent[:, 1], tangent[:, 0]]))
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    moved = replace(c, points=c.points + offset[:, None] * normal)
     return Fit(moved, left, np.sqrt(np.maximum(second - first**2, 0.0)))
 
 

@@ -76,8 +76,7 @@ def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evi
 
 
 def _visits(m: Match, t: Trajectory, router: Router) -> list[list[Visit]]:
-    """The visits of every unbroken run of rows on the roads, parted where a way is not known. Edges driven
-    between two rows are visits too."""
+    """The visits of every unbroken run of rows on roads, also between rows; parted where no way is known."""
     x, y, length, out = t.floats("x"), t.floats("y"), router.network.length.tolist(), list[list[Visit]]()
     on = np.flatnonzero(m.edge >= 0)
     fresh = np.append(True, (np.diff(on) > 1) | (m.restart[on[1:]] > 0))[: len(on)]

@@ -1,5 +1,4 @@
-"""The traction battery: open-circuit voltage over charge, resistance or Peukert, temperature, and what
-happens at its limit.
+"""The traction battery: open-circuit voltage over charge, resistance or Peukert, temperature; its limit.
 
     U = E(q) - R I,  P = U I   so   I = 2 P / (E + sqrt(E^2 - 4 R P))          exact; I > 0 discharging
     dq/dt = -I_eff / (3600 C(T)),  I_eff = I (I / I_n)^(k - 1) discharging, I charging

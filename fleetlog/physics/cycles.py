@@ -1,8 +1,7 @@
 """Motions by recipe: the runs of a test protocol and the VDI 2198 cycle, as a driver would drive them.
 
 Every recipe is a list of pieces of constant acceleration; :func:`legs` lays them on a time axis of step
-``dt``, each sample standing in the middle of its step, so that sums over the samples are exact to second
-order in ``dt``."""
+``dt``, each sample in the middle of its step: sums over them are exact to second order in ``dt``."""
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass

@@ -1,7 +1,5 @@
 """A number that varies over the roads: the first parameter of a field term, per stretch of directed edge."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -12,8 +10,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.errors import InputError, nearest
 
-MARGIN = 2.0
-"""Without a map a place belongs to a stretch whose middle is within half its length and this much [m]."""
+MARGIN = 2.0  # Without a map a place is on a stretch whose middle is within half its length and this [m]
 MAX_TURN = np.pi / 3  # ... and whose heading differs by less than this [rad].
 
 
@@ -35,7 +32,7 @@ class Field:
     def __len__(self) -> int:
         return len(self.value)
 
-    def __getitem__(self, index: Indices | Mask) -> Field:
+    def __getitem__(self, index: Indices | Mask) -> "Field":
         """The stretches of an index array or mask."""
         return Field(*(getattr(self, f.name)[index] for f in fields(self)))
 

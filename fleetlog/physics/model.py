@@ -1,5 +1,4 @@
-"""Physics on disk: ``model.toml`` and ``fields/TERM.parquet``, what ``diagnose`` and ``calibrate`` find and
-others take up.
+"""Physics on disk: ``model.toml`` and ``fields/TERM.parquet``, as ``diagnose`` and ``calibrate`` find it.
 
 format_version = 1
 truck = "counterbalance-48V"       # the nominal truck that it was found against, for the reader

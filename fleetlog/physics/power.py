@@ -7,8 +7,6 @@
 
 ``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -87,7 +85,7 @@ class Physics:
     intervals: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)  # Low and high
     own: tuple[Own, ...] = ()  # What some vehicles, or hours, have instead; see :meth:`of`, :meth:`phases`
 
-    def of(self, vehicle: str, start: float = 0.0) -> Physics:
+    def of(self, vehicle: str, start: float = 0.0) -> "Physics":
         """Return the physics of one vehicle, by its name; times count from ``start`` [s since 1970]."""
         mine = [o for o in self.own if o.vehicles is None or vehicle in o.vehicles]
         physics = self
@@ -97,16 +95,16 @@ class Physics:
         return replace(physics, own=tuple(timed))
 
     @property
-    def fleet(self) -> Physics:
+    def fleet(self) -> "Physics":
         """What holds for all vehicles at all times."""
         return replace(self, own=()) if self.own else self
 
-    def changed(self, values: Mapping[str, Values], fields: Mapping[str, Field] | None = None) -> Physics:
+    def changed(self, values: Mapping[str, Values], fields: Mapping[str, Field] | None = None) -> "Physics":
         """Return the physics with some values and fields in place of what it has."""
         new = {n: {**self.values.get(n, {}), **v} for n, v in values.items()}
         return replace(self, values={**self.values, **new}, fields={**self.fields, **(fields or {})})
 
-    def phases(self, time: Floats) -> list[tuple[Floats, Physics]]:
+    def phases(self, time: Floats) -> list[tuple[Floats, "Physics"]]:
         """Return what holds along the (N,) times of one vehicle's motion: shares (N,), summing to 1, each
         with a physics; a drift by its two ends, so that power in between is a mean of both."""
         out = [(np.ones(len(time)), self.fleet)]
@@ -116,7 +114,7 @@ class Physics:
             out = [(w, p) for w, p in chain.from_iterable(split) if w.any()]
         return out
 
-    def at(self, time: float) -> Physics:
+    def at(self, time: float) -> "Physics":
         """Return what holds most at a time."""
         return max(self.phases(np.array([time])), key=lambda phase: float(phase[0][0]))[1]
 

@@ -38,8 +38,7 @@ class Parameter:
     or in the parameter's unit where there is none.  0: any deviation is a finding."""
     between: float = 0.0  # The same of one vehicle beside the others of its fleet, where it is more than half
     inverse: bool = False  # The model is linear in the inverse of the number, as in that of an efficiency
-    shape: bool = False
-    """It only gives the effect its shape (a threshold); it is scanned, and has no effect by itself."""
+    shape: bool = False  # It only gives the effect its shape (a threshold): scanned, no effect by itself
     bounds: str | None = None  # State variable that the number is a threshold of
     usual: float = 1.0
     """How far values of a field usually are apart from place to place, in its coordinate (:meth:`scaled`)."""
@@ -93,8 +92,7 @@ class Term:
     wait       nothing of its own: its first parameter is the time that every passage stands still, s
     traffic    nothing of its own: time lost while other vehicles were in the way, as their positions show
     sensor     nothing of its own: a fault of the recording, not of the vehicle
-    =========  ==========================================================================================
-    """
+    =========  =========================================================================================="""
 
     name: str
     acts: Literal["force", "power", "drive", "load", "truck", "loss", "speed", "wait", "traffic", "sensor"]
@@ -113,8 +111,7 @@ class Term:
     sentence: str = ""
     """The finding in one sentence: a format string over the parameters by name (each with ``value``, ``low``,
     ``high`` and ``nominal``) and ``where``.  Empty: made from ``statement``."""
-    extreme: str = ""
-    """Name under which the largest value of a field is reported; empty: that of its first parameter."""
+    extreme: str = ""  # Name of the largest value of a field in a report; empty: its first parameter's
     fault: Literal["", "clock", "mean", "scale"] = ""
     """Of a sensor term, how the fault is measured:
     by the clock of power, as a mean over time, by the scale of speed."""

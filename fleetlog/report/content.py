@@ -13,6 +13,7 @@ from markupsafe import Markup
 from fleetlog.core.result import Result, Spread
 from fleetlog.core.site import Site
 from fleetlog.report.facts import Facts
+from fleetlog.simulate.scenario import told_rows
 from fleetlog.view.picture import Layer, Panel, svg
 
 TABLES = tomllib.loads(Path(__file__).with_name("templates").joinpath("tables.toml").read_text("utf-8"))
@@ -54,8 +55,8 @@ class Part:
 
 def table(frame: pd.DataFrame, columns: str, caption: str = "", most: int = 60) -> Table:
     """The first rows of a frame; ``columns``, or those of this name in ``tables.toml``, are lines of
-    ``heading=column`` or ``heading=column format``: one of Python's, ``%`` for a share, ``t`` for a local
-    time. Unknown columns are left out."""
+    ``heading=column`` or ``heading=column format``: Python's, ``%`` a share, ``t`` a local time. Unknown
+    columns are left out."""
     lines = TABLES.get(columns, columns).strip().splitlines()
     specs = [(head, *f"{spec} ".split(" ")[:2]) for head, spec in (line.split("=") for line in lines)]
     shown = [spec for spec in specs if spec[1] in frame]
@@ -104,8 +105,6 @@ def render(template: str, **values: Any) -> str:
 def experiment_page(result: Result, site: Site) -> str:
     """The page of an experiment: variants with intervals and changes, plots, and what limits each variant;
     the summary of the result tells its ``provenance``."""
-    from fleetlog.simulate.scenario import told_rows
-
     table, names = result.tables["variants"], [*result.summary["factors"]]
     head, *rows = told_rows(table, names)
     shown = Table(head, rows, [len(names) <= k < len(head) - 1 for k in range(len(head))])

@@ -5,7 +5,7 @@ import pandas as pd
 
 from fleetlog.core.result import EdgeValues, Grid, Result, Series
 from fleetlog.core.site import Site
-from fleetlog.core.words import percent
+from fleetlog.core.words import Sentences, percent
 from fleetlog.discovery.diagnose import Diagnosis, diagnose
 from fleetlog.discovery.report.finding import Finding
 from fleetlog.discovery.report.output import head
@@ -21,6 +21,7 @@ from fleetlog.version import __version__
 from fleetlog.view.palette import scales_of
 from fleetlog.view.picture import svg
 
+SAID = Sentences(__file__)
 MOST_ROADS, KJ_PER_KWH = 20, 3600.0
 
 
@@ -44,10 +45,8 @@ def in_short(facts: Facts) -> list[str]:
         # Of a short log the noise is known roughly: one above the error says no more than that.
         lower = c.after is not None and c.floor is not None and c.floor < c.after
         noise = f"; noise alone makes {_share(c.floor)}" if lower else ", no more than noise alone may make"
-        out.append(
-            f"On trips that it has not seen, the error of {_plain(c.name)} is {_share(c.before)} "
-            f"without and {_share(c.after)} with what was found{noise}."
-        )
+        before, after = _share(c.before), _share(c.after)
+        out.append(SAID("unseen", channel=_plain(c.name), before=before, after=after, noise=noise))
     return out
 
 
@@ -79,8 +78,8 @@ def _cost(d: Diagnosis) -> list[str]:
     if not whole > 0.0:
         return []
     kwh, of = number(abs(added) / KJ_PER_KWH), number(whole / KJ_PER_KWH)
-    word, share = "add" if added > 0.0 else "take", percent(abs(added) / whole, 1)
-    return [f"Together they {word} {kwh} kWh: {share} of the {of} kWh that were compared with the model."]
+    does, share = "add" if added > 0.0 else "take", abs(added) / whole
+    return [SAID("cost", does=does, kwh=kwh, share=share, of=of)]
 
 
 def _todo(findings: list[Finding], zone: str) -> Table | None:

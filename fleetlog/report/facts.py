@@ -124,7 +124,8 @@ def _ledger(facts: Facts) -> Ledger:
     out.loc[~known, ["used_kwh", "charged_kwh"]] = np.nan
     facts.unseen = [*states.loc[states["charged"] & (states["state"] == "no_data"), "vehicle_id"]]
     # Without a truck file, what rose while the log was silent is a share of an unknown capacity.
-    untold = [v for v, s in facts.energy_from.items() if s == "model"] + facts.unseen * (facts.truck is None)
+    untold = [v for v, source in facts.energy_from.items() if source == "model"]
+    untold += facts.unseen if facts.truck is None else []
     out.loc[out.index.isin(untold, level="vehicle_id"), "charged_kwh"] = np.nan
     # A truck without a load channel shows no tasks: it does not count where tasks are counted.
     loads = out.groupby(level="vehicle_id")["driving_h"].transform("sum") == 0.0

@@ -80,8 +80,7 @@ class Difference:
 
 
 def compare(a: pd.DataFrame, b: pd.DataFrame, figure: Figure, seed: int = 0) -> Difference | None:
-    """Compare a ratio of two tables of truck days, exchangeable if nothing changed but their length; None:
-    too few to tell, or untold."""
+    """Compare a ratio of two tables of truck days, exchangeable but for their length; None where untold."""
     if figure.under is None or not all({figure.top, figure.under} <= set(t) for t in (a, b)):
         return None
     sums = [t.loc[t[figure.under] > 0.0, [figure.top, figure.under]].to_numpy(float) for t in (a, b)]

@@ -9,7 +9,7 @@ import pandas as pd
 from fleetlog.analysis.apart import remark
 from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
-from fleetlog.core.words import count, listed, reasons
+from fleetlog.core.words import Sentences, count, listed, reasons
 from fleetlog.physics.power import cause
 from fleetlog.report.content import TABLES, Part, number, picture, table
 from fleetlog.report.facts import Facts
@@ -20,6 +20,7 @@ from fleetlog.store.trips import MAX_GAP
 
 S = TypeVar("S", Bars, Grid, EdgeValues)
 ENERGY_SUMS = ("used_kwh", "charged_kwh", "energy_km", "energy_h", "measured_h", "logged_h", "cost", "co2_kg")
+SAID = Sentences(__file__)
 STEP = 60_000_000  # Of the curves [us]
 SLIVER = 0.01  # Of the fullest hour: what begins with the last row of a log is no hour
 FEW = 8  # More curves than this are drawn as lowest, median and highest of the fleet
@@ -51,10 +52,7 @@ def utilisation_part(f: Facts) -> Part:
     columns = "\n".join(["truck=vehicle_id", "hours=hours .2f", *seen])
     part = Part([], [*blocks, table(share, columns, "Share of the time by truck")])
     if unknown := share.loc[share["driving"] > 0.0, "vehicle_id"].tolist():
-        part.lines.append(
-            f"No load is recorded for {listed(unknown)}: driving empty cannot be told from driving laden "
-            "there, nor waiting from handling."
-        )
+        part.lines.append(SAID("no_load", trucks=listed(unknown)))
     return part
 
 
@@ -94,17 +92,12 @@ def energy_part(f: Facts) -> Part:
     money = f" (cost in {f.currency})" if "cost" in trucks else ""
     part = Part([], [table(trucks, "energy", f"Energy by truck{money}")])
     if not known.all():
-        part.lines.append(
-            f"The energy of {listed(trucks.loc[~known, 'vehicle_id'].tolist())} is unknown: the log has no "
-            "power channel. Give --truck to add that of the truck's model."
-        )
+        part.lines.append(SAID("no_power", trucks=listed(trucks.loc[~known, "vehicle_id"].tolist())))
     if "energy" in f.results:
         s = f.results["energy"].summary
         causes = sorted(((k, v) for k, v in s["ledger_kwh"].items() if v), key=lambda i: -abs(i[1]))
         said = ", ".join(f"{cause(k)} {v:.2f} kWh" for k, v in causes[:4])
-        part.lines.append(
-            f"The truck model gives {s['energy_kwh']:.2f} kWh for all trucks, most of it {said}."
-        )
+        part.lines.append(SAID("model", **s, causes=said))
         measured, model = s["measured_kwh"], s["model_beside_measured_kwh"]
         if measured > 0.0:
             more = f"{100.0 * abs(model / measured - 1.0):.1f} % {'more' if model > measured else 'less'}"

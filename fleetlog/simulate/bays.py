@@ -106,7 +106,8 @@ class BayMaker:
     def _try(self, place: Place, lane: int, at: float, shift: float, both: bool) -> Door | None:
         # Lanes of one road lie beside its centre line all along, by the same distance.
         middle = (self.track.first[lane] + self.track.first[lane + 1]) // 2
-        sides = (self.side,) if abs(self.track.lateral[middle]) > 0.3 else (self.side, -self.side)
+        two_lanes = abs(self.track.lateral[middle]) > 0.3
+        sides = (self.side,) if two_lanes else (self.side, -self.side)
         for radius in self.radii:
             for centre in (at - shift, at + shift) if shift else (at,):
                 if both and not self.from_both(lane, centre, self.radii[-1]):

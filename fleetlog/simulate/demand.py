@@ -273,7 +273,8 @@ def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:
         "max_deceleration": _typical(-change / PLAN, slow & (change < -CHANGES), motion.dt),
         "max_lateral_acceleration": _in_turns(motion, track),
     }
-    return replace(truck, drive=replace(truck.drive, **{n: v for n, v in asked.items() if v is not None}))
+    known = {name: value for name, value in asked.items() if value is not None}
+    return replace(truck, drive=replace(truck.drive, **known))
 
 
 def _in_turns(motion: Motion, track: Track) -> float | None:

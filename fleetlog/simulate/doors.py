@@ -191,7 +191,8 @@ def _checked(track: Track, j: Junctions, bays: list[Bay], doors: list[Door], tru
     z = np.concatenate([track.z, floor, floor[bay[number]]])
     owner = np.concatenate([track.owner, pieces + np.arange(len(bays)), pieces + len(bays) + number])
     start, lane = samples + len(bays), np.array([d.lane for d in doors])
-    a, b = meetings(x, y, z, heading, owner.astype(np.int32), np.arange(len(x)) >= start, *half_box(truck)).T
+    ask = np.arange(len(x)) >= start
+    a, b = meetings(x, y, z, heading, owner.astype(np.int32), ask, *half_box(truck)).T
     beside = owner[a] != lane[number[b - start]]
     a, door = a[beside], number[b[beside] - start]
     on_track, crossed = a < samples, owner[a] == near[door]

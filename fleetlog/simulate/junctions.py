@@ -1,5 +1,4 @@
-"""Where trucks on different pieces would touch: the parts of a lane that are safe to stand on, and what
-excludes what.
+"""Where trucks on different pieces would touch: where on a lane it is safe to stand, what excludes what.
 
 A *resource* is a part of the track that only some trucks may be on at a time.  With P pieces and E lanes: a
 connector or a lane without a safe part is resource p (its own number); the last metres of a lane are

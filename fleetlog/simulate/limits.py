@@ -7,18 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.core.words import count as number
-from fleetlog.core.words import percent
+from fleetlog.core.words import Sentences, percent
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.state import CHARGER, DROP_PLACE, PICK_PLACE, STANDS, Mode
 from fleetlog.simulate.watch import Count
 
+SAID = Sentences(__file__)
 MATERIAL = 0.1  # What a fleet waits for during more than this share of its time limits it
 SHORT = 0.5  # Trucks limit a fleet where tasks wait for want of one for more than this share of the time
-PLACES = {
+PLACES = {  # The kind of each, and what trucks that wait for it lack
     "pick places": ("pick", PICK_PLACE), "drop places": ("drop", DROP_PLACE), "chargers": ("charge", CHARGER),
 }  # fmt: skip
-"""The kind of each, and what trucks that wait for it lack."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +45,9 @@ class Limits:
 def told_limits(told: dict[str, Any]) -> str:
     """The bottleneck in words, of :class:`Limits` as a dictionary."""
     wait, b = told["task_wait_s"], told["bottleneck"]
-    tasks = f"tasks wait {wait['mean']:,.0f} s for a truck on average, {wait['longest']:,.0f} s at most"
+    tasks = SAID("tasks_wait", **wait)
     if b is None:
-        return f"bottleneck: none, the fleet does what is asked of it; {tasks}"
+        return SAID("no_bottleneck", tasks=tasks)
     name, kind, several = b["name"], b["kind"], f"{b['count']} trucks" if b["count"] > 1 else "only truck"
     what = f"{kind} ({b['count']})" + (f", above all {name}" if name else "")
     if kind == "trucks":
@@ -126,7 +125,8 @@ class Tally:
         found += [Resource("junctions", count, name, taken, traffic / self.seconds), trucks]
         worst = max(found[:-1], key=lambda r: r.queue)
         scarce = d.demand.endless or self.short.total() > SHORT * self.seconds
-        bottleneck = worst if worst.queue > MATERIAL * trucks.count else trucks if scarce else None
+        fleet = trucks if scarce else None
+        bottleneck = worst if worst.queue > MATERIAL * trucks.count else fleet
         some = tasks if len(tasks) else np.zeros(1)
         waits = (some.mean(), np.quantile(some, 0.95), some.max())
         summary = dict(zip(("mean", "p95", "longest"), map(float, waits), strict=True))
@@ -183,20 +183,15 @@ class Summary:
 
     def lines(self) -> list[str]:
         """For the terminal."""
-        c, hours = self.count, {k: round(s / 3600.0, 2) for k, s in self.limits.waiting_s.items()}
-        later = f", {c.tasks_later:,} due after the end" if c.tasks_later else ""
-        kinds = ", ".join(f"{kind} {h:.2f}" for kind, h in hours.items())
-        out = [
-            f"{number(self.vehicles, 'truck')}, {self.duration_s / 3600.0:.2f} h, {number(self.rows, 'row')},"
-            f" {self.distance_m / 1000.0:.1f} km",
-            f"tasks: {c.tasks_done:,} done of {c.tasks_given:,}, {self.unfinished:,} not finished{later}",
-            f"energy: {self.energy_wh / 1000.0:.2f} kWh used, {self.charged_wh / 1000.0:.2f} kWh charged in "
-            + number(c.charges, "visit"),
-            f"waiting: {sum(hours.values()):.2f} truck hours ({kinds})",
-            f"traffic: {self.longest_wait_s:.0f} s of waiting at most,"
-            f" {number(c.deadlocks, 'deadlock')} ({c.deadlocks_released} released),"
-            f" {number(c.detours, 'detour')}",
-            told_limits(asdict(self.limits)),
-        ]
+        c, waits = self.count, {k: round(s / 3600.0, 2) for k, s in self.limits.waiting_s.items()}
+        kinds = ", ".join(f"{kind} {hours:.2f}" for kind, hours in waits.items())
+        told = {
+            "hours": self.duration_s / 3600.0, "km": self.distance_m / 1000.0,
+            "used": self.energy_wh / 1000.0, "charged": self.charged_wh / 1000.0,
+            "later": f", {c.tasks_later:,} due after the end" if c.tasks_later else "",
+            "waiting": sum(waits.values()), "kinds": kinds,
+        }  # fmt: skip
+        out = [SAID(name, run=self, **told) for name in ("fleet", "tasks", "energy", "waiting", "traffic")]
+        out.append(told_limits(asdict(self.limits)))
         out += [str(self.one_more["statement"])] if self.one_more else []
         return out + ([f"battery empty: {', '.join(c.empty)}"] if c.empty else [])

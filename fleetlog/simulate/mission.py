@@ -83,7 +83,8 @@ def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, i
         return 0.0, 0
     start = min(r.recorded.time[0] for r in replays)
     clock = [float(r.recorded.time[0] - start) * 1e-6 for r in replays]
-    first, trips = np.cumsum([0, *(len(leg.distance) for *_, leg in driven)]), [(u, t) for u, t, _ in driven]
+    first = np.cumsum([0, *(len(leg.distance) for *_, leg in driven)])
+    trips = [(u, trip) for u, trip, _ in driven]
     half = half_box(truck)
     nodes = _nodes(replays, trips, clock)
     was = _gates(nodes.assign(alone=nodes.recorded), half)

@@ -1,7 +1,5 @@
 """Who stands in which bay, who leaves one for whom, and who charges."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,7 +27,7 @@ class Policy:
     enough: float = 0.8
 
     @classmethod
-    def named(cls, name: str, low: float = 0.3) -> Policy:
+    def named(cls, name: str, low: float = 0.3) -> "Policy":
         """``opportunity`` charges also when there is nothing else to do, ``threshold`` only below ``low``."""
         known = {"opportunity": cls(low), "threshold": cls(low, chance=low, enough=cls.full)}
         if name not in known:
@@ -82,7 +80,8 @@ class Occupancy(Untangler):
         bays = np.flatnonzero(self.kind != "charge").tolist()
         order = sorted(bays, key=lambda b: bool(self.kind[b] != "park"))
         for v in range(len(self.jobs)):
-            b = next(b for b in (*self.bays_of.get(wanted(v) or "", ()), *order) if self.owner[b] < 0)
+            own = self.bays_of.get(wanted(v) or "", ())
+            b = next(b for b in (*own, *order) if self.owner[b] < 0)
             self.fleet.door[v] = self.home[v] = b
             self.fleet.spur[v] = self.world.bays[b].door.length
             self.owner[b] = v

@@ -1,11 +1,10 @@
 """Places of a recording: where its trucks stand again and again, and what they do there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from fleetlog.core.arrays import Floats, Ints
@@ -14,9 +13,6 @@ from fleetlog.errors import DataError
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED, runs
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
 MIN_DWELL = 8.0  # A shorter standstill is a wait on the way, unless the load changes [s]
@@ -65,8 +61,6 @@ class Stands:
 
 def find_stands(dataset: Dataset) -> Stands:
     """All standstills of a dataset; one pass over its rows."""
-    import pandas as pd
-
     code = {v: float(i) for i, v in enumerate(dataset.vehicles)}
     days = each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
     if not (found := [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]):
@@ -136,7 +130,6 @@ def joined(points: NDArray[Any], reach: float = REACH) -> Ints:
 def clusters(stands: Stands, min_visits: int = MIN_VISITS, loads: bool = False) -> Ints:
     """(N,) place of every stand, from west to east, -1: under ``min_visits``; see :func:`joined`. With
     ``loads`` one stand is enough where a load changed; such places come last."""
-    import pandas as pd
     from scipy.spatial import cKDTree
 
     at, number = np.column_stack([stands.x, stands.y]), np.full(len(stands), -1)
@@ -155,8 +148,6 @@ def clusters(stands: Stands, min_visits: int = MIN_VISITS, loads: bool = False) 
 
 def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     """One row a place: id, kind, x, y, spread [m], visits, vehicles, dwell [s], shares of visits."""
-    import pandas as pd
-
     change, here = stands.after - stands.before, cluster >= 0
     t = pd.DataFrame({
         "x": stands.x, "y": stands.y, "vehicle": stands.vehicle, "dwell": stands.dwell,
@@ -205,7 +196,8 @@ def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Si
         time = np.concatenate([stands.start[mine], stands.end[mine]])
         step = np.repeat([1, -1], mine.sum())
         # Who leaves as another comes makes room for it.
-        most[name] = max(most.get(name, 1), int(np.cumsum(step[np.lexsort((step, time))]).max(initial=1)))
+        together = np.cumsum(step[np.lexsort((step, time))])
+        most[name] = max(most.get(name, 1), int(together.max(initial=1)))
     seen = {p.id: 0 if p.kind == "charge" else most.get(p.id, 1) for p in site.places}
     swap = {p.id: swap[p.id] if p.id in swap and np.isnan(p.power) else p.swap for p in site.places}
     places = (replace(p, plugs=max(p.plugs, seen[p.id]), swap=swap[p.id]) for p in site.places)

@@ -1,7 +1,5 @@
 """From steps to power and charge, and to rows of the dataset, written by threads as the fleet drives on."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Self
@@ -26,11 +24,10 @@ if TYPE_CHECKING:
 CHARGE_RATE = 0.25  # Power of a charger that the site does not state, in battery capacities an hour
 TAPER_FROM = 0.8  # State of charge from which charging power falls, to a tenth when full: constant voltage
 ROWS = 8_000_000  # Rows that are kept at most before they are written; some 60 bytes each
-DIGITS = {
+DIGITS = {  # Decimals that are written, so that files are small; rows wait as whole numbers of them
     "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
     "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
 }  # fmt: skip
-"""Decimals that are written, so that files are small; rows wait as whole numbers of them."""
 MEANS = ("battery_power", "battery_voltage", "battery_current")
 """Columns of which a row has the mean over the time around it."""
 NULL = int(np.iinfo(np.int32).min)
@@ -53,11 +50,12 @@ def locate(ground: Track, log: Log) -> Columns:
 class Meter:
     """Follows the charge of trucks (V,), and sums up the energy charged, and used less recovered [Wh]."""
 
-    def __init__(self, world: World, settings: Settings) -> None:
+    def __init__(self, world: "World", settings: "Settings") -> None:
         self.physics, self.of, self.limit = world.physics, world.trucks.of, world.site.power_limit
         self.dt, self.temperature, self.battery = settings.step, settings.temperature, settings.battery
-        charges = ((b.place, b.place.kind == "charge") for b in world.bays)
-        self.charger = np.array([(p.power if np.isnan(p.swap) else 0.0) if c else np.nan for p, c in charges])
+        places = [bay.place for bay in world.bays]
+        power = [p.power if np.isnan(p.swap) else 0.0 for p in places]  # Swapped batteries are not charged
+        self.charger = np.where([p.kind == "charge" for p in places], power, np.nan)
         self.soc = np.full(len(self.of), settings.soc)
         self.share = 1.0  # Of its power that each charger gives now
         self.moved = np.full(len(self.of), -1e9)  # (V,) when each truck last moved [s]
@@ -130,12 +128,13 @@ class Recorder:
     Leaving the block without :meth:`flush` gives up what is not written."""
 
     def __init__(
-        self, writer: DatasetWriter, names: list[str], world: World, settings: Settings, steps: int,
+        self, writer: DatasetWriter, names: list[str], world: "World", settings: "Settings", steps: int,
         total: int,
     ) -> None:  # fmt: skip
         self.writer, self.names, self.edges = writer, names, world.track.network.edge_ids
         flat, nominal = not np.any(world.ground.z), settings.battery is None
-        self.columns = tuple(c for c in DIGITS if c not in ("z",) * flat + MEANS[1:] * nominal)
+        unknown = ("z",) * flat + MEANS[1:] * nominal
+        self.columns = tuple(c for c in DIGITS if c not in unknown)
         every, dt = round(settings.interval / settings.step), round(settings.step * 1e6)
         self.every, self.interval, self.start = every, every * dt, settings.start + every // 2 * dt
         trucks, batches = len(names), total // steps

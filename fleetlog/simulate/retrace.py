@@ -233,7 +233,8 @@ def charging_power(rows: Trajectory, capacity_wh: float) -> Floats:
 
 def strip() -> Site:
     """Thirty metres of two-way floor."""
-    edge = Edge("strip", "a", "b", np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]]), "strip", width=4.0)
+    points = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
+    edge = Edge("strip", "a", "b", points, "strip", width=4.0)
     return Site("test strip", network=build_network([edge, reversed_edge(edge)]))
 
 

@@ -1,7 +1,5 @@
 """What one simulation is made of, what one more of a scarce thing brings; experiments that vary settings."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -9,16 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from fleetlog import engines, scratch
 from fleetlog.core.arguments import NONE, Factor
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import count, percent
+from fleetlog.core.words import Sentences, percent
 from fleetlog.errors import DataError, FleetlogError, nearest
 from fleetlog.listening import listening, progress, unheard
 from fleetlog.physics.power import Physics
@@ -28,15 +27,12 @@ from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.tasks import Demand
 from fleetlog.store.writer import DatasetWriter
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-MEASURES = {
+SAID = Sentences(__file__)
+MEASURES = {  # What is drawn and compared, and how it is called
     "tasks_per_h": "tasks done per hour", "task_wait_s": "mean time that a task waits for a truck [s]",
     "waiting_share": "share of the trucks' time spent waiting [%]",
     "energy_per_task_wh": "energy per task done [Wh]",
 }  # fmt: skip
-"""What is drawn and compared, and how it is called."""
 LITTLE = 0.02  # One more that adds less to the tasks done than this brings little: seeds differ by as much
 MOST = 10_000  # Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand
 
@@ -118,14 +114,13 @@ def _one_more(scenario: Scenario, before: Summary, scarce: Resource) -> dict[str
         return {"what": what, "statement": f"{what}: not possible ({after})"}
     if scarce.count == next(r.count for r in after.limits.resources if r.kind == scarce.kind):
         return {"what": what, "statement": f"{what}: there is no room for it beside the road"}
-    done, waiting = after.count.tasks_done, after.waiting_s
-    waits = before.limits.task_wait_s["mean"], after.limits.task_wait_s["mean"]
-    statement = f"{what}: {count(done, 'task')} done instead of {before.count.tasks_done:,}, "
-    statement += f"{waiting / 3600.0:.2f} truck hours of waiting instead of {before.waiting_s / 3600.0:.2f}"
+    hours = [s.waiting_s / 3600.0 for s in (after, before)]
+    waits = [s.limits.task_wait_s["mean"] for s in (after, before)]
+    statement = SAID("one_more", what=what, after=after, before=before, hours=hours)
     if max(waits) > 0.0:
-        statement += f", tasks wait {waits[1]:,.0f} s instead of {waits[0]:,.0f} s"
-    told = {"what": what, "tasks_done": done, "task_wait_s": round(waits[1], 2)}
-    return {**told, "waiting_s": round(waiting, 1), "statement": statement}
+        statement += SAID("task_wait", waits=waits)
+    told = {"what": what, "tasks_done": after.count.tasks_done, "task_wait_s": round(waits[0], 2)}
+    return {**told, "waiting_s": round(after.waiting_s, 1), "statement": statement}
 
 
 def _whole(value: str, name: str) -> int:
@@ -183,8 +178,6 @@ def experiment(bases: Sequence[Scenario], factors: Sequence[Factor]) -> Result:
     """Run every variant of every base, which differ in their seeds alone. Tables ``runs`` (a row a variant
     and seed) and ``variants`` (means over the seeds, half widths of their 95 % intervals, changes paired by
     seed). :class:`DataError` for no factor, or where no run is possible."""
-    import pandas as pd
-
     plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
     rows = []
     results = engines.current().run(attempt, [s for *_, s in plan], lambda s: f"seed {s.settings.seed}")
@@ -234,8 +227,6 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
 
 def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """One row a variant: means over the seeds, half widths, and the paired change from the first variant."""
-    import pandas as pd
-
     first = runs[runs.variant == 0].set_index("seed")
     out = []
     for number, group in runs.groupby("variant"):

@@ -1,7 +1,5 @@
 """What the compiled loop of the simulator sees: the roads, and every truck, as arrays; types of trucks."""
 
-from __future__ import annotations
-
 from collections import namedtuple
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -19,15 +17,13 @@ PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3  # What a truck that stands in a bay w
 PLAN = 0.9  # Share of its braking that a truck plans with
 HAIR = 0.2  # A truck goes on for at most so long before it brakes: half of the longest step, and rounding [s]
 STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
-NOT_ZERO: dict[str, float] = {
+NOT_ZERO: dict[str, float] = {  # What trucks that are nowhere yet, and empty roads, begin with; else with 0
     "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,
     "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "beside": -1, "waits": np.inf,
     "hand_start": -np.inf, "until": -np.inf, "attention": 1, "stood": -1,
 }  # fmt: skip
-"""What trucks that are nowhere yet, and empty roads, begin with; all else with 0."""
 PACES = ("speed_factor", "max_acceleration", "max_deceleration", "max_lateral_acceleration", "reaction")
-DRIVER = dict.fromkeys(PACES, 1.0)
-"""What a driver asks of a truck; power follows from the motion, whoever drives."""
+DRIVER = dict.fromkeys(PACES, 1.0)  # What a driver asks of a truck; power follows from motion, whoever drives
 
 _Modes = namedtuple("_Modes", "PARKED HANDLING WANTS_OUT LEAVING DRIVING AT_BAY ENTERING CHARGING EMPTY")
 Mode = _Modes(*range(9))
@@ -200,7 +196,7 @@ class Trucks:
     own: tuple[Hashable, ...] = ()  # What else tells the kinds apart
 
     @classmethod
-    def given(cls, trucks: Truck | Sequence[Truck], vehicles: int) -> Trucks:
+    def given(cls, trucks: Truck | Sequence[Truck], vehicles: int) -> "Trucks":
         """One truck a vehicle; of one truck alone as many as there are, the last of them its ``others``."""
         if isinstance(trucks, Truck):
             if len(others := [truck for truck, count in trucks.others for _ in range(count)]) > vehicles:

@@ -137,7 +137,8 @@ def _task(row: dict[str, str], site: Site, truck: Truck, rng: np.random.Generato
         raise InputError(f"from and to are both {row['to']!r}", do="name two places")
     payload = _number(row, "payload", 0.5 * truck.chassis.rated_load)
     earliest = _number(row, "earliest", 0.0, start)
-    vehicle = given if (given := (row.get("vehicle") or "").strip()) not in ("", "any") else None
+    given = (row.get("vehicle") or "").strip()
+    vehicle = given if given not in ("", "any") else None
     return Task(vehicle, row["from"], row["to"], payload, earliest, *random_visits(rng))
 
 
@@ -151,8 +152,7 @@ def _number(row: dict[str, str], name: str, default: float, start: int = 0) -> f
 
 
 def check_doable(tasks: Sequence[Task], loads: Mapping[str, float]) -> None:
-    """Raise where a task is for a truck that is not simulated, or too heavy for all that may do it; ``loads``
-    are what the trucks carry [kg]."""
+    """Raise where a task is for a truck that is not simulated, or too heavy for the ``loads`` [kg] of all."""
     strongest = max(loads.values())
     for task in tasks:
         if task.vehicle is not None and task.vehicle not in loads:

@@ -51,7 +51,8 @@ class Watch:
                 yield self._between(int(r.door_crosses[door]), r.door_low[door], r.door_high[door], v)
             lane, at = int(r.door_lane[door]), float(r.door_at[door])
             # Not who stops for it, nor who stands behind it.
-            low = f.ask_at[lane] + 0.1 if f.asks[lane] == v else at if f.mode[v] == Mode.AT_BAY else at - NEAR
+            behind = at if f.mode[v] == Mode.AT_BAY else at - NEAR
+            low = f.ask_at[lane] + 0.1 if f.asks[lane] == v else behind
             yield self._between(lane, low, at + NEAR, v)
         elif f.ahead[v] >= 0:
             yield int(f.ahead[v])

@@ -1,7 +1,5 @@
 """Reading a dataset by vehicle and day, from a folder or a URL (``s3://``, ``gs://``, ``az://``)."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import tempfile
@@ -10,7 +8,7 @@ from contextlib import contextmanager, suppress
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -18,22 +16,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog import scratch
-from fleetlog.core.arrays import microseconds
+from fleetlog.core.arrays import DataFrame, microseconds
 from fleetlog.core.files import is_url, located
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
 from fleetlog.errors import DataError, FleetlogError, InputError, OutputError, chosen
 from fleetlog.version import FORMAT_VERSION
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-
 REMAKE = "make the dataset again"
 DESCRIPTION = {"kind": str, "site": dict, "vehicles": dict, "rows": int, "columns": dict, "provenance": dict}
 """Keys of ``dataset.json`` that everything relies on, and what they are."""
-ALONE = "every truck was simulated by itself, in nobody's way"
-"""Why a mission driven again says nothing of traffic."""
+ALONE = "every truck was simulated by itself, in nobody's way"  # Such a mission says nothing of traffic
 
 
 class Dataset:
@@ -59,7 +52,7 @@ class Dataset:
         """For another process: by its name; the description tells a dataset that was made again."""
         return _reopened, (str(self.path) if is_url(self.path) else self.path, self._text)
 
-    def here(self) -> Dataset:
+    def here(self) -> "Dataset":
         """The dataset in this process, where it was handed to it as it was: connections do not fork."""
         return _reopened(str(self.path), self._text) if is_url(self.path) else self
 
@@ -136,7 +129,7 @@ class Dataset:
             return (self.path / "site.json").read_text(encoding="utf-8")
 
     @cached_property
-    def trips(self) -> pd.DataFrame:
+    def trips(self) -> DataFrame:
         """One row a trip; see :func:`fleetlog.store.trips.trips_of`."""
         import pandas as pd
 
@@ -207,8 +200,7 @@ def undamaged(path: Path) -> Iterator[None]:
 def _pieces(
     files: Sequence[Path], vehicle: str, columns: Sequence[str] | None, rows: int | None = None
 ) -> Iterator[Trajectory]:
-    """The rows of some files, file by file or ``rows`` at a time, of ``columns`` those that a file has; they
-    must be in the order of time."""
+    """The rows of files in order of time, file by file or ``rows`` at a time, of ``columns`` those there."""
     before, asked = -(1 << 62), None if columns is None else dict.fromkeys(["timestamp", *columns])
     for file in files:
         row = 1

@@ -2,25 +2,20 @@
 
 ``dataset.json`` names those that a dataset has under ``tables``; an import has no such key."""
 
-from __future__ import annotations
-
 import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fleetlog.core.arrays import Array, Floats, Ints
+from fleetlog.core.arrays import Array, DataFrame, Floats, Ints
 from fleetlog.core.columns import ARROW, Column, schema_of
 from fleetlog.core.trajectory import Labels, own_array
 from fleetlog.store.dataset import Dataset, undamaged
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Name = Literal["tasks", "activities", "reservations", "ways", "bays"]
 
@@ -91,7 +86,7 @@ def _array(values: Array | Labels | Lines, kind: str) -> pa.Array:
     return whole.cast(ARROW[kind]) if kind == "time" else whole
 
 
-def read_table(dataset: Dataset, name: Name, *, compact: bool = False) -> pd.DataFrame | None:
+def read_table(dataset: Dataset, name: Name, *, compact: bool = False) -> DataFrame | None:
     """A table of a dataset, None where it has none; ``compact`` has texts as categories."""
     if (entry := (dataset.meta.get("tables") or {}).get(name)) is None:
         return None

@@ -5,29 +5,24 @@ A site is written as ``site.toml`` and ``roads.geojson``, as :func:`fleetlog.roa
 The tags are those of OGC GeoTIFF 1.1 (OGC 19-008r4): azimuthal equidistant metres about the site's origin; a
 turned site by a full transformation.  Without a frame a raster lies in local metres."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import DataFrame, Floats
 from fleetlog.core.network import Network
 from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Building, Frame, Place, Site, Zone
 from fleetlog.store.documents import plain, write_json
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MOST_GEOJSON = 20_000  # Cells beyond which no GeoJSON is written: Parquet is what larger maps are read from
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) / 2.0
@@ -66,7 +61,7 @@ def _coordinates(local: Floats, frame: Frame | None) -> Floats:
     return np.column_stack([longitude, latitude]).reshape(local.shape)
 
 
-def _write_squares(table: pd.DataFrame, size: float, path: Path, frame: Frame | None) -> None:
+def _write_squares(table: DataFrame, size: float, path: Path, frame: Frame | None) -> None:
     """Square cells about x, y [m]: GeoParquet 1.1, and GeoJSON where they are not too many."""
     rings = _coordinates(table[["x", "y"]].to_numpy(dtype=np.float64)[:, None, :] + size * _CORNERS, frame)
     wkb = np.zeros(len(rings), _WKB)
@@ -83,7 +78,7 @@ def _write_squares(table: pd.DataFrame, size: float, path: Path, frame: Frame | 
 
 
 def _write_features(
-    path: Path, table: pd.DataFrame, kind: str, coordinates: Iterable[Any], frame: Frame | None
+    path: Path, table: DataFrame, kind: str, coordinates: Iterable[Any], frame: Frame | None
 ) -> None:
     """The rows of a table as RFC 7946 features that say which frame they are in."""
     named = {"frame": "wgs84" if frame else "local metres"}

@@ -1,18 +1,12 @@
 """Trips: a truck sets off, drives, and stands until it sets off again."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fleetlog.core.arrays import Array, Floats, Ints, Mask
+from fleetlog.core.arrays import Array, DataFrame, Floats, Ints, Mask
 from fleetlog.core.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 STANDING_SPEED = 0.2  # Below this a truck stands [m/s]
 MIN_STOP = 15.0  # A shorter standstill does not end a trip: it is a wait on the way [s]
@@ -104,9 +98,8 @@ def contents_of(pieces: Iterable[Columns]) -> tuple[dict[str, int], str | None, 
     return dict(rows), start, end
 
 
-def trips_of(pieces: Sequence[Columns]) -> pd.DataFrame:
-    """One row a trip, by vehicle and trip, from its pieces; rows without a trip as one of the number -1. What
-    a piece lacks its trip lacks."""
+def trips_of(pieces: Sequence[Columns]) -> DataFrame:
+    """One row a trip, by vehicle and trip; -1 are rows without one. What a piece lacks its trip lacks."""
     import pandas as pd
 
     if not (pieces := [p for p in pieces if p]):

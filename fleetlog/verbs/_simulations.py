@@ -13,7 +13,7 @@ from fleetlog.api.answer import Answer, dataset_answer, destination, write_folde
 from fleetlog.core.arguments import factor, moment, seconds
 from fleetlog.core.files import is_url
 from fleetlog.core.site import Site
-from fleetlog.core.words import count, percent
+from fleetlog.core.words import Sentences
 from fleetlog.errors import EXIT_DAMAGED, ArgumentError, FleetlogError, InputError, chosen
 from fleetlog.listening import notice
 from fleetlog.physics.battery import battery_of
@@ -30,14 +30,14 @@ from fleetlog.store import DatasetWriter
 from fleetlog.store.documents import provenance
 from fleetlog.verbs.simulate import simulate
 
+SAID = Sentences(__file__)
 Asked = SimpleNamespace  # The arguments of :func:`fleetlog.verbs.simulate.simulate`, converted
 Told = tuple[dict[str, Any], list[str]]  # A summary, and the same in sentences
 FLEET = "vehicles tasks close vary runs rate step charge_below policy chemistry "
-UNUSED = {
+UNUSED = {  # Options that runs of no fleet have no use for
     "same_mission": FLEET + "cycle duration start soc",
     "cycle": FLEET + "site like together temperature",
 }
-"""Options that runs of no fleet have no use for."""
 NEEDED = {"same_mission": "like", "together": "same_mission"}
 
 
@@ -50,7 +50,7 @@ def answer(asked: Asked) -> Answer:
     asked.duration, asked.truck = seconds(asked.duration), inputs.as_truck(asked.truck)
     asked.like = None if like is None else inputs.as_dataset(asked.like)
     given = asked.site
-    site: Site = strip() if asked.cycle else asked.like.site if given is None else inputs.as_site(given)
+    site: Site = strip() if asked.cycle else inputs.as_site(given) if given is not None else asked.like.site
     asked.site = replace(site, network=site.roads().without(asked.close)) if asked.close else site
     sources = [*read, asked.like.path] if like and is_url(like) else read
     asked.origin = {"inputs": sources, "seed": asked.seed, "site": asked.site if given is not None else None}
@@ -159,16 +159,8 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
 def _mission(asked: Asked, writer: DatasetWriter) -> Told:
     writer.site = asked.like.site
     s = replay(asked.like, asked.truck, writer, asked.physics, asked.together, asked.temperature)
-    lines = [
-        f"{count(s.vehicles, 'truck')} drove {count(s.trips, 'trip')} again: {count(s.rows, 'row')}.",
-        f"Simulated over recorded: distance {s.distance_ratio:.3f}, driving time {s.duration_ratio:.3f}, "
-        f"energy {s.energy_ratio:.3f}.",
-    ]
-    if s.own_path:
-        lines.append(f"Driven along the recorded positions, not on the roads: {count(s.own_path, 'trip')}.")
-    if s.lost_share is not None:
-        lines.append(f"Trucks lose {percent(s.lost_share, 1)} of the travel time to other trucks.")
-    return {k: v for k, v in asdict(s).items() if v is not None}, lines
+    told = ["again", "over", *["own_path"] * bool(s.own_path), *["lost"] * (s.lost_share is not None)]
+    return {k: v for k, v in asdict(s).items() if v is not None}, [SAID(name, run=s) for name in told]
 
 
 def _cycle(asked: Asked, writer: DatasetWriter) -> Told:

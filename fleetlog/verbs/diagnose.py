@@ -1,8 +1,7 @@
 """Find where model and recording differ, and what physics the model leaves out."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from fleetlog import engines
@@ -15,8 +14,6 @@ from fleetlog.errors import EXIT_DONE, EXIT_INPUT
 from fleetlog.listening import notice, progress
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from fleetlog.discovery.report.finding import Verdict
 
 
@@ -76,7 +73,7 @@ def diagnose(
         return keep(Answer.of(told, place, value=found, write=write, status=status))
 
 
-def unjudged(verdict: Verdict, wanted: Collection[str]) -> list[str]:
+def unjudged(verdict: "Verdict", wanted: Collection[str]) -> list[str]:
     """Return the channels that the recording has or the user wants, and that lack a figure."""
     judged = {c.name for c in verdict.channels if c.judged}
     return [n for n in dict.fromkeys([*(c.name for c in verdict.channels), *wanted]) if n not in judged]

@@ -76,7 +76,8 @@ def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> 
         eye += 0.5 * (high - low) * axis
         depth = min(depth, -0.5 * (high + low) / tangent)
     eye += depth * forward
-    return eye, eye + (((points.min(axis=0) + points.max(axis=0)) / 2.0 - eye) @ forward) * forward
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    return eye, eye + ((middle - eye) @ forward) * forward
 
 
 def floor_view(

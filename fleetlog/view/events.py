@@ -11,18 +11,16 @@ Signal first, vehicle second, as for everything else::
 
 Large fleets have no arcs, which would hide the floor, one entity for all reservations, curves for states."""
 
-from __future__ import annotations
-
 import itertools
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 import rerun as rr
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import DataFrame, Floats, Ints
 from fleetlog.core.network import reduced
 from fleetlog.core.site import Place, PlaceKind
 from fleetlog.store import Dataset
@@ -33,9 +31,6 @@ from fleetlog.view.fleet import Lane, curve_style, log_curve
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_places
 from fleetlog.view.stream import Stream, entity, ui_points
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 NEVER = np.iinfo(np.int64).max  # A time that has not come [us]
 TRUE, CORNERS = 0.08, 4  # How true ways are drawn for a small fleet [m], and points of each for a large one
@@ -53,16 +48,16 @@ class Happenings:
     ``reservations`` with times [us, int64], ``NEVER`` where not reached; ``spots`` x, y, z [m] by place;
     ``lines`` (n, 3) m by way; ``drawn`` places that the simulation drew along the roads."""
 
-    tasks: pd.DataFrame
-    activities: pd.DataFrame
-    reservations: pd.DataFrame
-    spots: pd.DataFrame
+    tasks: DataFrame
+    activities: DataFrame
+    reservations: DataFrame
+    spots: DataFrame
     lines: dict[int, Floats]
     drawn: tuple[Place, ...]
 
-    def where(self, places: pd.Series[Any]) -> Floats:
-        """(N, 3) m, NaN where no place is named."""
-        return self.spots.reindex(places.astype(object)).to_numpy(np.float64)
+    def where(self, table: DataFrame, column: str) -> Floats:
+        """(N, 3) m of the places that a column names, NaN where none."""
+        return self.spots.reindex(table[column].astype(object)).to_numpy(np.float64)
 
 
 def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
@@ -72,7 +67,7 @@ def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
         return None
     first, last = (isinstance(dataset, OneDay) and dataset.span) or (-NEVER, NEVER)
 
-    def clocked(table: pd.DataFrame) -> pd.DataFrame:
+    def clocked(table: DataFrame) -> DataFrame:
         """What lies outside the time that is shown is moved to its ends."""
         columns = table.select_dtypes("datetimetz")
         times = {str(c): columns[c].dt.tz_localize(None).to_numpy("datetime64[us]") for c in columns}
@@ -165,7 +160,7 @@ def _log_stretches(
 
 def _log_tasks(stream: Stream, h: Happenings, lanes: list[Lane], path: str) -> None:
     """Arcs: dashes while the load is fetched, then whole; of waiting tasks, those that wait longest."""
-    source, target = h.where(h.tasks["from_place"]) + UP, h.where(h.tasks["to_place"]) + UP
+    source, target = h.where(h.tasks, "from_place") + UP, h.where(h.tasks, "to_place") + UP
     known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
     tasks, ends = h.tasks[known], list(zip(source[known], target[known], strict=True))
     dashes = [ribbons.broken(*e) for e in ends]
@@ -186,7 +181,7 @@ def _log_tasks(stream: Stream, h: Happenings, lanes: list[Lane], path: str) -> N
 def _log_charging(stream: Stream, h: Happenings, name: str) -> set[str]:
     """Rings that fade outwards and a bolt, one set at every place where a truck charges."""
     mine = h.activities[h.activities["activity"] == "charge"]
-    where = h.where(mine["place"])
+    where = h.where(mine, "place")
     mine, where = mine[np.isfinite(where[:, 0])], where[np.isfinite(where[:, 0])]
     if not len(mine):
         return set()

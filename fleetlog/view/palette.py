@@ -1,7 +1,5 @@
 """Colours, the same in recordings and pictures: of things, and of values within limits."""
 
-from __future__ import annotations
-
 import colorsys
 import tomllib
 from collections.abc import Sequence
@@ -78,7 +76,7 @@ class Scale:
     clipped: bool = False
     knee: float = float("inf")
 
-    def norm(self) -> Normalize:
+    def norm(self) -> "Normalize":
         """From values to shares from 0 to 1, and back by its ``inverse``."""
         from matplotlib.colors import AsinhNorm, Normalize
 
@@ -126,7 +124,7 @@ def scales_of(shapes: Sequence[object]) -> dict[str, Scale]:
     return {s.name: common[type(s), s.label, s.diverging] for s in maps}
 
 
-def colour_map(diverging: bool, screen: bool) -> Colormap:
+def colour_map(diverging: bool, screen: bool) -> "Colormap":
     """The colour map of a kind of value on a kind of ground."""
     import matplotlib
     from matplotlib.colors import LinearSegmentedColormap, ListedColormap

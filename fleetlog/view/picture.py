@@ -42,8 +42,7 @@ FEW = 60  # So many points are marked each: one alone is no line
 
 
 def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
-    """Draw the answer and the shapes of a result, 1500 points wide: a map a grid and a set of road values,
-    then panels."""
+    """Draw answer and shapes of a result, 1500 points wide: maps of grids and road values, then panels."""
     maps: list[Any] = [s for s in result.shapes if isinstance(s, Layer)][:MAX_MAPS]
     if not maps and any(not isinstance(s, Panel) for s in result.shapes):
         maps = [None]

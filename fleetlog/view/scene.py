@@ -72,7 +72,8 @@ def _log_roads(stream: Stream, network: Network, site: Site) -> None:
         radius[ends] = np.maximum(radius[ends], drawn_width(network, i) / 2.0)
         colour = palette.ROAD if two_way else palette.ONE_WAY
         surface.append((ribbons.ribbon(line, left, right, 0.01 if two_way else 0.03), colour))
-        outer = (left, right) if not two_way else (right,) if site.traffic == "right" else (left,)
+        own = right if site.traffic == "right" else left  # The rim that the other direction does not share
+        outer = (own,) if two_way else (left, right)
         rims += [shifted(line, o) + RAISED for o in outer]
         middle = shifted(line, (left + right) / 2.0)
         marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), 0.07), palette.ARROW))

@@ -34,8 +34,7 @@ BOTH_WAYS = slice(None), slice(None, None, -1)  # Forwards and backwards in time
 @dataclass(frozen=True)
 class Snapshots:
     """All trucks on one time grid; (T, V) arrays.  ``edge`` is -1 where a truck is off the map or silent;
-    ``standing_by``: it has ended a trip and not set off again, or not set off yet: parked, charging or
-    handling a load."""
+    ``standing_by``: it has ended a trip, or made none, and not set off: it parks, charges, handles a load."""
 
     vehicles: tuple[str, ...]
     time: Ints

@@ -37,11 +37,10 @@ PIECE = 2.0  # Length over which speed and slope are taken as constant [m]
 Method = Literal["pmedian", "spaced", "topk", "cover"]
 Variant = Literal["flow", "vote", "urgency"]
 Demand = Literal["urgency", "standing", "visits", "rank", "loading"]
-NEXT_BEST = {
+NEXT_BEST = {  # Where there is no demand of a kind: why, and what is taken in its place
     "urgency": ("no truck stood with less than 50 % charge", "standing"),
     "standing": ("no truck stood for long enough", "visits"),
 }
-"""Where there is no demand of a kind: why, and what is taken in its place."""
 VOTE_LENGTH = 30.0
 MAX_LEFT_OUT = 30  # So many days or trucks are left out in turn, to see how stable a choice is
 

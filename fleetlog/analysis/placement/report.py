@@ -11,12 +11,13 @@ from fleetlog.analysis.placement.select import Choice, finite, greedy, top_k
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import Truck
-from fleetlog.core.words import count, listed, percent
+from fleetlog.core.words import Sentences, count, listed, percent
 from fleetlog.simulate.demand import like
 from fleetlog.simulate.engine import Settings
 from fleetlog.simulate.scenario import Scenario
 from fleetlog.store import Dataset
 
+SAID = Sentences(__file__)
 DRAWS = 200
 MOST = 4  # Sites in the first sentence
 DEMANDS = {"urgency": "standing below 50 % charge", "standing": "standing time", "loading": "changes of load"}
@@ -82,7 +83,6 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
 
 def lines_of(s: dict[str, Any], sites: pd.DataFrame, dropped: list[str]) -> list[str]:
     """The answer for the terminal; the plan has no use for the chargers that are ``dropped``."""
-    unit, r, b, st = s["unit"], s["reach"], s["baselines"], s["stability"]
     loading, demand = s["demand"] == "loading", DEMANDS.get(s["demand"], s["demand"])
     need = ["" if loading else f", {count(n, 'plug')}" for n in sites["plugs"]]
     rows: list[Any] = list(sites.assign(need=need).itertuples())
@@ -94,22 +94,13 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame, dropped: list[str]) -> list
     out += [f"{what} at {listed([*new[:MOST], *more])}."] if new else []
     out += [f"Keep {row.existing} ({row.need[2:]} needed)." for row in rows if row.existing]
     out += [f"This plan does not need {' or '.join(dropped)}."] if dropped else []
-    out += [
-        f"  {row.site}: {row.existing or row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves "
-        f"{percent(row.served_share)} of the demand{row.need}"
-        for row in rows
-    ]
+    out += [SAID("site", site=row, name=row.existing or row.vertex) for row in rows]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
-    out.append(
-        f"The demand ({demand}) is {r['mean']:.1f} {unit} from the nearest site on average, and at most "
-        f"{r['p95']:.1f} {unit} for 95 % of it; with random sites {b['random']['mean']:.1f} {unit}, with "
-        f"sites at the busiest junctions {b['hottest']['mean']:.1f} {unit}."
-        + (f" This plan is {gap} by {s['metric']}." if s["method"] == "pmedian" else "")
-    )
-    if st["runs"]:
-        mean, worst = percent(st["mean_kept_share"]), percent(st["worst_kept_share"])
-        left = st["left_out"].replace("vehicle", "truck")
-        out.append(f"Without any one {left}, {mean} of the sites stay the same on average, {worst} at worst.")
+    plan = f" This plan is {gap} by {s['metric']}." if s["method"] == "pmedian" else ""
+    out.append(SAID("reach", **s, weighed=demand, plan=plan))
+    if s["stability"]["runs"]:
+        left = s["stability"]["left_out"].replace("vehicle", "truck")
+        out.append(SAID("stability", **s["stability"], left=left))
     return out + checked + [f"Note: {n}." for n in s["notices"]]
 
 
@@ -121,18 +112,8 @@ def _check_lines(c: dict[str, Any]) -> tuple[list[str], list[str]]:
     # Who does less ends with more charge: a little more is no gain.
     worse = more < 0 and after["soc_end_mean"] - before["soc_end_mean"] < 0.05
     against = [f"Keep the chargers as they are: in the check the planned ones do {tasks}."] if worse else []
-    return against, [
-        f"With the planned chargers the fleet does {tasks} and ends with {percent(after['soc_end_mean'])} "
-        f"charge instead of {percent(before['soc_end_mean'])} (simulated: {count(c['vehicles'], 'truck')}, "
-        f"{time}, from {percent(c['soc_start'])}).",
-        *(
-            f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
-            f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
-            f"{r['waiting_for_plug_h']:.1f} h waiting for a plug; {count(r['empty_trucks'], 'truck')} empty; "
-            f"{r['tasks_done']:,} of {count(r['tasks_given'], 'task')} done"
-            for r, name in ((before, "present"), (after, "planned"))
-        ),
-    ]
+    runs = [SAID("chargers", which=which, **run) for which, run in (("present", before), ("planned", after))]
+    return against, [SAID("check", **c, tasks=tasks, time=time), *runs]
 
 
 def try_plan(dataset: Dataset, sites: pd.DataFrame, truck: Truck, settings: Settings) -> dict[str, Any]:

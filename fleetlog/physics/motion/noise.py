@@ -3,8 +3,6 @@
 The parameters are those under which the filter's one-step predictions fit best (maximum likelihood of the
 innovations), found by a pattern search over their logarithms on a sample of rows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
@@ -45,7 +43,7 @@ class Observed(NamedTuple):
     rest: Mask
     link: Codes
 
-    def sample(self, rows: int) -> Observed:
+    def sample(self, rows: int) -> "Observed":
         """Some runs of rows, each after a break."""
         if len(self.t) <= rows:
             return self
@@ -55,9 +53,8 @@ class Observed(NamedTuple):
         part.link[::size] = 2
         return part
 
-    def at(self, moments: Floats) -> tuple[Observed, Ints]:
-        """With further moments between its own, in which nothing is seen, and the index of each; between two
-        rows at rest the truck rests."""
+    def at(self, moments: Floats) -> tuple["Observed", Ints]:
+        """With further moments, in which nothing is seen (between rests it rests), and the index of each."""
         if np.array_equal(self.t, moments):
             return self, np.arange(len(moments))
         t, inverse = np.unique(np.append(self.t, moments), return_inverse=True)
@@ -68,7 +65,7 @@ class Observed(NamedTuple):
         before = np.searchsorted(own, np.arange(len(t)), side="right") - 1
         return Observed(t, seen, speed, self.rest[after] & self.rest[before], link), inverse[len(self.t) :]
 
-    def with_mean_speed(self) -> Observed:
+    def with_mean_speed(self) -> "Observed":
         """Of rows whose speed is the mean since the row before: it is that of the middle of the step."""
         joined = np.flatnonzero(self.link[1:] != 2) + 1
         kept = self._replace(speed=np.where(self.link == 2, self.speed, np.nan))
@@ -76,7 +73,7 @@ class Observed(NamedTuple):
         out.speed[middle] = self.speed[joined]
         return out
 
-    def taken(self, rows: NDArray[np.intp]) -> Observed:
+    def taken(self, rows: NDArray[np.intp]) -> "Observed":
         """Some of the rows."""
         return Observed._make(values[rows] for values in self)
 

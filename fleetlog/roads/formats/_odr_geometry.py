@@ -27,7 +27,8 @@ def spiral(start: float, end: float, length: float) -> Curve:
 
     Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length for all
     curvatures, where Fresnel integrals lose digits as k1 approaches k0."""
-    rate, panels = (end - start) / length, 1 + math.ceil(max(abs(start), abs(end)) * length)
+    rate = (end - start) / length
+    panels = 1 + math.ceil(max(abs(start), abs(end)) * length)
 
     def curve(ds: Floats) -> tuple[Floats, Floats, Floats]:
         share = (np.arange(panels)[:, None] + _NODES).ravel() / panels

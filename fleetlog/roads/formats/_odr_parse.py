@@ -194,7 +194,8 @@ def _speed(element: Element | None) -> float:
     text = "" if element is None else (element.get("max") or "").strip()
     if element is None or text in ("no limit", "undefined", ""):
         return math.nan
-    value = number(text, "speed") * SPEED_UNITS.get((element.get("unit") or "m/s").strip(), 1.0)
+    unit = (element.get("unit") or "m/s").strip()
+    value = number(text, "speed") * SPEED_UNITS.get(unit, 1.0)
     # Exporters write a limit that they do not know as 0 or as a huge number.
     return value if 0.0 < value < 200.0 else math.nan
 

@@ -148,7 +148,8 @@ def _places(points: Floats, owner: Indices, first: Ints) -> Ints:
     # Rough metres about the first vertex; good to a per mille, enough to see which vertices coincide.
     degree = 111_200.0
     scale = np.array([degree * np.cos(np.radians(points[0, 1])), degree, 1.0])
-    metres, end = np.nan_to_num((points - points[0]) * scale), np.zeros(len(points), dtype=bool)
+    metres = np.nan_to_num((points - points[0]) * scale)
+    end = np.zeros(len(points), dtype=bool)
     end[first[:-1]] = end[first[1:] - 1] = True
     a, b = cKDTree(metres).query_pairs(TOLERANCE, output_type="ndarray").T
     # A densely drawn road must not shrink into one place: its own vertices join only at its two ends.

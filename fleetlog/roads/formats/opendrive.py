@@ -23,8 +23,7 @@ from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, connect, parse_road
 from fleetlog.roads.formats.base import HUGE, WORDS, MapOptions, Reader, RoadMap, Tally, at, number
 
-DRIVEN = frozenset(WORDS["driven"]["opendrive"].split())
-"""Lane types that are driven unless the user says otherwise."""
+DRIVEN = frozenset(WORDS["driven"]["opendrive"].split())  # Lane types driven unless the user says otherwise
 CHORD = 0.005  # largest distance [m] of a lane's centre line from its polyline
 THIN = 0.05  # a lane that is nowhere wider than this [m] is not there
 BEFORE_END = 1e-7  # a section is read this far before its end, where records of the next one start [m]
@@ -59,7 +58,8 @@ def _read(path: Path, options: MapOptions) -> RoadMap:
 
 def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> None:
     skipped: dict[str, float] = defaultdict(float)
-    default, driven = "LHT" if options.traffic == "left" else "RHT", options.lane_types or DRIVEN
+    default = "LHT" if options.traffic == "left" else "RHT"
+    driven = options.lane_types or DRIVEN
     for road in roads.values():
         left = (road.rule or default) == "LHT"
         for k, section in enumerate(road.sections):
@@ -124,7 +124,8 @@ def _centre_line(road: Road, section: Section, lane: Lane) -> Floats:
     def at(s: Floats) -> Floats:
         s = np.minimum(s, section.end - BEFORE_END)
         x, y, heading = road.plan.at(s)
-        t, roll = np.mean(_sides(road, section, lane, s), axis=0), road.superelevation.at(s)
+        t = np.mean(_sides(road, section, lane, s), axis=0)
+        roll = road.superelevation.at(s)
         flat, z = t * np.cos(roll), road.elevation.at(s) + t * np.sin(roll)
         return np.column_stack([x - flat * np.sin(heading), y + flat * np.cos(heading), z])
 

@@ -27,8 +27,7 @@ from fleetlog.roads.formats.base import KMH, SPEED_UNITS, WORDS, MapOptions, Rea
 Tags = dict[str, str]
 Spots = dict[str, Floats]
 Way = tuple[str, list[str], Tags]  # Id, nodes and tags
-DRIVEN = frozenset(WORDS["driven"]["osm"].split())
-"""Classes that are driven unless the user says otherwise."""
+DRIVEN = frozenset(WORDS["driven"]["osm"].split())  # Classes that are driven unless the user says otherwise
 ALIVE = "[not(@visible = 'false' or @action = 'delete')]"  # What an editor has not deleted
 
 

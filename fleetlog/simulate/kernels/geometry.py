@@ -50,8 +50,7 @@ def boxes_meet(
 
 
 class Cells(NamedTuple):
-    """Boxes of one size in square cells: ``head`` (cells,) is the last box of a cell, ``after`` (N,) the one
-    before it, -1: none.
+    """Boxes of one size in square cells: ``head`` (cells,) a cell's last box, ``after`` (N,) that before it.
 
     ``shape`` x0, y0, cell [m], columns, rows;  ``box`` (N, 3) x, y, heading;  ``group``, ``kind`` (N,) what
     a box belongs to;  ``size`` (1,) boxes in use.  Boxes outside the cells lie in the nearest one."""
