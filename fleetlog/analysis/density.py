@@ -186,7 +186,7 @@ def _shapes(
         end = np.minimum(start + BIN, network.length[edge])
         yield EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]")
     # The arcs as line segments, at the steps where they change from none or to none too.
-    time = np.unique(c.arcs["time"])
+    time = np.unique(c.arcs["time"], return_counts=True)[0]
     after = time + watched.step
     shown = np.union1d(time, after[after < watched.stop])
     cuts = np.searchsorted(c.arcs["time"], shown[1:])

@@ -140,7 +140,7 @@ def _shapes(bins: pd.DataFrame, ledger: dict[str, float], edges: pd.DataFrame) -
 
 def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> Iterator[Shape]:
     """Fleet power by term over time, stacked, and measured beside modelled."""
-    width = (len(np.unique(bins["time"] // BIN)) // MOST_POINTS + 1) * BIN
+    width = (len(np.unique(bins["time"] // BIN, return_counts=True)[0]) // MOST_POINTS + 1) * BIN
     keys, inverse = np.unique(bins["time"] // width, return_inverse=True)
 
     def mean(name: str) -> Floats:

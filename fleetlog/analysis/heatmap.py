@@ -142,7 +142,7 @@ def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple
     shares = [m.grid[0] / max(m.grid[0].sum(), 1e-12) for m in (a, b)]
     observed = shares[0] - shares[1]
     units = [(cell, time) for cell, time in (*a.units, *b.units) if len(cell)]
-    seen = np.unique(np.concatenate([cell for cell, _ in units]))
+    seen = np.unique(np.concatenate([cell for cell, _ in units]), return_counts=True)[0]
     flat = np.zeros((len(units), len(seen)))
     for row, (cell, time) in zip(flat, units, strict=True):
         row[np.searchsorted(seen, cell)] = time / time.sum()

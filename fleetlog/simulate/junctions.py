@@ -78,7 +78,7 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
 def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> Ints:
     """(N, 2) each pair of numbers once, in order."""
     size = int(b.max(initial=0)) + 1
-    key = np.unique(a.astype(np.int64) * size + b)
+    key = np.unique(a.astype(np.int64) * size + b, return_counts=True)[0]
     return np.column_stack([key // size, key % size])
 
 

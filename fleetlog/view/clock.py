@@ -116,7 +116,8 @@ def thinned(trajectory: Trajectory, rate_hz: float) -> Trajectory:
 
 def together(*indices: ArrayLike) -> Ints:
     """The indices that are in any of the sets, in order."""
-    return np.unique(np.concatenate([np.asarray(these, np.int64) for these in indices]))
+    # np.unique hashes whole numbers: fifty times as long.
+    return np.flatnonzero(np.bincount(np.concatenate([np.asarray(these, np.int64) for these in indices])))
 
 
 def changed(values: Floats, step: float) -> Ints:
