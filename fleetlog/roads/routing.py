@@ -8,7 +8,7 @@ import numpy as np
 from fleetlog.core.arrays import Floats, Index
 from fleetlog.core.network import Network
 from fleetlog.errors import DataError
-from fleetlog.roads.kernels.routes import Graph, astar
+from fleetlog.roads.kernels.routes import Graph, quickest
 
 DEFAULT_SPEED = 5.0  # On edges without a limit [m/s]
 
@@ -55,13 +55,13 @@ class Router:
         for edge in (source, target):
             if not 0 <= edge < len(n):
                 raise DataError(f"no edge with the number {edge}; the network has {len(n)}")
-        chain, entered = astar(self.graph(closed), int(source), int(target), np.inf)
-        if not len(chain):
-            return None
-        return Route(chain, float(entered[-1] + self.time[target]), float(n.length[chain].sum()))
+        (first, last), none = np.array([[source], [target]], np.int32), np.zeros(1)
+        ends = first, none, none, last, none + np.inf, none
+        start, _, chain, cost = quickest(self.graph(closed), *ends, np.inf)
+        return Route(chain, cost, float(n.length[chain].sum())) if start >= 0 else None
 
     def graph(self, closed: Iterable[int] = ()) -> Graph:
-        """What ``astar`` searches, without ``closed`` edges."""
+        """What ``quickest`` searches, without ``closed`` edges."""
         n, shut = self.network, np.zeros(len(self.network), dtype=bool)
         shut[list(closed)] = True
         return n.next_first, n.next_edges, self.time, self._turn, shut, self._starts, self._least

@@ -3,20 +3,20 @@
 Rows are placed on them by a fixed-interval smoother; routes of the quickest way are found too."""
 
 import math
-from heapq import heappop, heappush
 from typing import Any
 
 import numpy as np
 
-from fleetlog.compiling import inner, kernel, outer
+from fleetlog.compiling import inner, outer
 from fleetlog.core.arrays import Floats, Index, Mask
-from fleetlog.roads.kernels.distances import path_between
+from fleetlog.roads.kernels.distances import _pop, _push, path_between
 from fleetlog.roads.kernels.records import Candidates, Choice, Lines, Roads, Routes, Rows, Store, Wide
 
 LONGEST = 4096  # edges of a path between two groups at most
 BY_EDGE, BY_PATH, BY_TURN = 0, 1, 2
 AHEAD = 0.5  # an end this much farther along the edge can be reached without a way round [m]
 Graph = tuple[Index, Index, Floats, Floats, Mask, Floats, float]
+Scratch = tuple[Floats, Floats, Index, Index, Mask, Index]
 
 
 def build_routes(
@@ -237,70 +237,58 @@ def make_monotone(rows: Rows, a: int, b: int) -> None:
         where[i] = kept[0, pool] if rows.still[i] else kept[0, pool] + 1e-9 * (i - a)
 
 
-@kernel()
-def astar(graph: Graph, source: int, target: int, most: float) -> tuple[Index, Floats]:
-    """Cheapest chain of edges from ``source`` to ``target``, and the cost at each.  Empty if none has a cost
-    below ``most`` up to the target.  Among equal costs the predecessor with the lower number wins.
+@outer
+def _astar(graph: Graph, scratch: Scratch, source: int, target: int, most: float) -> Any:
+    """How many edges the cheapest chain from ``source`` to ``target`` has, backwards in the last of
+    ``scratch``; 0 if none has a cost below ``most`` up to the target.  Among equal costs the predecessor with
+    the lower number wins."""
+    next_first, next_edges, cost, turn_cost, closed, starts, least = graph
+    best, heap_d, came, heap_e, done, chain = scratch
+    for j in range(len(best)):
+        best[j], came[j], done[j] = np.inf, -1, False
+    best[source], heap_d[0], heap_e[0], size = 0.0, 0.0, source, 1
+    while size > 0 and heap_d[0] < most and not done[target]:
+        i = heap_e[0]
+        size = _pop(heap_d, heap_e, size)
+        if done[i]:
+            continue
+        done[i] = True
+        onward = best[i] + cost[i]
+        for k in range(next_first[i], next_first[i + 1]):
+            j, there = next_edges[k], onward + turn_cost[k]
+            if not (closed[j] or done[j]) and (there < best[j] or (there == best[j] and i < came[j])):
+                best[j], came[j] = there, i
+                x, y = starts[j, 0] - starts[target, 0], starts[j, 1] - starts[target, 1]
+                z = starts[j, 2] - starts[target, 2]
+                size = _push(heap_d, heap_e, size, there + least * np.sqrt(x * x + y * y + z * z), j)
+    n, at = 0, target if done[target] else -1
+    while at >= 0:
+        chain[n], at, n = at, came[at], n + 1
+    return n
+
+
+def quickest(
+    graph: Graph, starts: Index, at: Floats, before: Floats, ends: Index, ends_at: Floats, after: Floats,
+    most: float,
+) -> tuple[int, int, Index, float]:  # fmt: skip
+    """The cheapest way from an offset ``at`` [m] of one of ``starts`` to offset ``ends_at`` of one of
+    ``ends``: numbers of both, edges, cost; -1 if none costs less than ``most``.  ``before`` and ``after`` are
+    what start and end add to the cost of all edges, both ends whole.
 
     The ``graph`` has ``next_first`` and ``next_edges``, the cost of driving all of an edge, that of the turn
     next_edges[k], closed edges, starts (E, 3), and cost per metre: times the straight line never more than
     the cost from start to start (consistent: the first arrival is the best)."""
-    next_first, next_edges, cost, turn_cost, closed, starts, least = graph
-    edges = len(cost)
-    best = np.full(edges, np.inf)
-    came = np.full(edges, -1, dtype=np.int32)
-    done = np.zeros(edges, dtype=np.bool_)
-    best[source] = 0.0
-    end = starts[target]
-    heap: list[tuple[float, Any]] = [(0.0, source)]
-    while len(heap) > 0:
-        bound, i = heappop(heap)
-        if bound >= most:
-            break
-        if done[i]:
-            continue
-        done[i] = True
-        if i == target:
-            break
-        onward = best[i] + cost[i]
-        for k in range(next_first[i], next_first[i + 1]):
-            j = np.int64(next_edges[k])
-            if closed[j] or done[j]:
-                continue
-            there = onward + turn_cost[k]
-            if there < best[j] or (there == best[j] and i < came[j]):
-                best[j] = there
-                came[j] = i
-                x, y, z = starts[j, 0] - end[0], starts[j, 1] - end[1], starts[j, 2] - end[2]
-                heappush(heap, (there + least * np.sqrt(x * x + y * y + z * z), j))
-    if not done[target]:
-        return np.empty(0, dtype=np.int32), np.empty(0, dtype=np.float64)
-    chain: list[Any] = [target]
-    while chain[-1] != source:
-        chain.append(np.int64(came[chain[-1]]))
-    edges_of = np.array(chain[::-1], dtype=np.int32)
-    return edges_of, best[edges_of]
-
-
-@kernel()
-def quickest(
-    graph: Graph, starts: Index, at: Floats, before: Floats, ends: Index, ends_at: Floats, after: Floats,
-    most: float,
-) -> Any:  # fmt: skip
-    """The cheapest way from an offset ``at`` [m] of one of ``starts`` to offset ``ends_at`` of one of
-    ``ends``: numbers of both, edges, cost; -1 if none costs less than ``most``.  ``before`` and ``after`` are
-    what start and end add to the cost of all edges, both ends whole."""
     next_first, next_edges, cost = graph[:3]
-    start, end, best = -1, -1, np.empty(0, np.int32)
-    for i in range(len(starts)):
-        for j in range(len(ends)):
-            a, z = starts[i], ends[j]
+    start, end, way, size, room = -1, -1, np.empty(0, np.int32), len(cost), len(next_edges) + 1
+    columns = np.empty(size), np.empty(room), np.empty(size, np.int32), np.empty(room, np.int32)
+    scratch = *columns, np.empty(size, np.bool_), (chain := np.empty(size, np.int32))
+    for i, a in enumerate(starts.tolist()):
+        for j, z in enumerate(ends.tolist()):
             # Round the block where the end lies behind.
             behind = a == z and ends_at[j] <= at[i] + AHEAD
             over = before[i] + after[j] + cost[z] + (cost[a] if behind else 0.0)
-            for first in next_edges[next_first[a] : next_first[a + 1]] if behind else starts[i : i + 1]:
-                chain, entered = astar(graph, first, z, most - over)
-                if len(chain) > 0:
-                    start, end, most = i, j, entered[-1] + over
-                    best = np.append(starts[i : i + 1], chain) if behind else chain
-    return start, end, best, most
+            for first in next_edges[next_first[a] : next_first[a + 1]].tolist() if behind else [a]:
+                if count := _astar(graph, scratch, first, z, most - over):
+                    start, end, most = i, j, float(scratch[0][z] + over)
+                    way = np.append(starts[i : i + behind], chain[:count][::-1])
+    return start, end, way, most
