@@ -13,7 +13,7 @@ from fleetlog.analysis.clusters import episodes as of
 from fleetlog.analysis.clusters.episodes import BIN, PLACES, Watched, episodes
 from fleetlog.analysis.clusters.steps import Crowds, Rule, as_figures, find_crowds, together
 from fleetlog.core.arguments import Between
-from fleetlog.core.arrays import HOUR, Floats, Ints, microseconds
+from fleetlog.core.arrays import HOUR, Floats, Ints, levels, microseconds
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.words import Sentences
@@ -186,7 +186,7 @@ def _shapes(
         end = np.minimum(start + BIN, network.length[edge])
         yield EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]")
     # The arcs as line segments, at the steps where they change from none or to none too.
-    time = np.unique(c.arcs["time"], return_counts=True)[0]
+    time = levels(c.arcs["time"])
     after = time + watched.step
     shown = np.union1d(time, after[after < watched.stop])
     cuts = np.searchsorted(c.arcs["time"], shown[1:])

@@ -12,7 +12,7 @@ import pandas as pd
 from fleetlog.analysis import energybook as of
 from fleetlog.analysis.energybook import BIN, SOURCES, Book, gathered, keep_book
 from fleetlog.core.arguments import ShiftHours
-from fleetlog.core.arrays import Floats
+from fleetlog.core.arrays import Floats, levels
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import Sentences, count, percent, wrong_sign
@@ -140,7 +140,7 @@ def _shapes(bins: pd.DataFrame, ledger: dict[str, float], edges: pd.DataFrame) -
 
 def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> Iterator[Shape]:
     """Fleet power by term over time, stacked, and measured beside modelled."""
-    width = (len(np.unique(bins["time"] // BIN, return_counts=True)[0]) // MOST_POINTS + 1) * BIN
+    width = (len(levels(bins["time"] // BIN)) // MOST_POINTS + 1) * BIN
     keys, inverse = np.unique(bins["time"] // width, return_inverse=True)
 
     def mean(name: str) -> Floats:

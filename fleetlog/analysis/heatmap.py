@@ -12,7 +12,7 @@ from fleetlog.analysis import occupancy as maps
 from fleetlog.analysis.apart import settled
 from fleetlog.analysis.occupancy import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
-from fleetlog.core.arrays import Floats, Mask
+from fleetlog.core.arrays import Floats, Mask, levels
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
 from fleetlog.core.words import Sentences, count, listed, percent
 from fleetlog.errors import ArgumentError, DataError
@@ -142,7 +142,7 @@ def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple
     shares = [m.grid[0] / max(m.grid[0].sum(), 1e-12) for m in (a, b)]
     observed = shares[0] - shares[1]
     units = [(cell, time) for cell, time in (*a.units, *b.units) if len(cell)]
-    seen = np.unique(np.concatenate([cell for cell, _ in units]), return_counts=True)[0]
+    seen = levels(np.concatenate([cell for cell, _ in units]))
     flat = np.zeros((len(units), len(seen)))
     for row, (cell, time) in zip(flat, units, strict=True):
         row[np.searchsorted(seen, cell)] = time / time.sum()

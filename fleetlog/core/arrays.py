@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame as DataFrame
@@ -28,3 +28,10 @@ def microseconds(text: str) -> int:
 def distinct(values: Floats) -> Floats:
     """(N,) values; (1,) where they are one value repeated in place, of which a function is called once."""
     return values[:1] if values.strides == (0,) else values
+
+
+def levels(numbers: ArrayLike) -> Any:
+    """(M,) the different numbers among some, in order. ``np.unique`` hashes whole numbers, which takes many
+    times as long as to sort them where most differ (NumPy 2.4)."""
+    ordered = np.sort(np.asarray(numbers), axis=None)
+    return ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]]

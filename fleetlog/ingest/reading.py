@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fleetlog.core.arrays import Ints
+from fleetlog.core.arrays import Ints, levels
 from fleetlog.core.columns import NAMES
 from fleetlog.core.site import geographic
 from fleetlog.core.trajectory import Labels, Trajectory, Values, concatenate
@@ -121,7 +121,7 @@ def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajecto
     if not batch.has_position:
         columns[CHANNEL] = np.ones(len(batch))
     codes, names = batch.vehicle.codes, batch.vehicle.names
-    present = np.unique(codes, return_counts=True)[0].tolist()  # it would hash them alone
+    present = levels(codes).tolist()
     for code in present:
         rows = slice(None) if len(present) == 1 else np.flatnonzero(codes == code)
         picked = {n: _trimmed(v[rows]) for n, v in columns.items()}
@@ -132,7 +132,7 @@ def _trimmed(values: Values) -> Values:
     """Labels without names that no row has (a batch of many vehicles)."""
     if not isinstance(values, Labels) or len(values.names) < 64:
         return values
-    used = set(np.unique(values.codes, return_counts=True)[0].tolist())
+    used = set(levels(values.codes).tolist())
     return renamed(values, [name if code in used else None for code, name in enumerate(values.names)])
 
 

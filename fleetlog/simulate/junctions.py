@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.arrays import Floats, Index, Ints, Mask
+from fleetlog.core.arrays import Floats, Index, Ints, Mask, levels
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.track import Track
 from fleetlog.store.trips import runs
@@ -78,7 +78,7 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
 def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> Ints:
     """(N, 2) each pair of numbers once, in order."""
     size = int(b.max(initial=0)) + 1
-    key = np.unique(a.astype(np.int64) * size + b, return_counts=True)[0]
+    key = levels(a.astype(np.int64) * size + b)
     return np.column_stack([key // size, key % size])
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fleetlog.core.arrays import Floats, Ints
+from fleetlog.core.arrays import Floats, Ints, levels
 from fleetlog.core.result import Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -116,8 +116,7 @@ def thinned(trajectory: Trajectory, rate_hz: float) -> Trajectory:
 
 def together(*indices: ArrayLike) -> Ints:
     """The indices that are in any of the sets, in order."""
-    # np.unique hashes whole numbers: fifty times as long.
-    return np.flatnonzero(np.bincount(np.concatenate([np.asarray(these, np.int64) for these in indices])))
+    return np.asarray(levels(np.concatenate([np.asarray(these, np.int64) for these in indices])))
 
 
 def changed(values: Floats, step: float) -> Ints:

@@ -7,6 +7,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from fleetlog.core.arrays import levels
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
 from fleetlog.simulate.track import stretch
@@ -28,7 +29,7 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
     moving = [s.time for s in result.shapes if isinstance(s, MovingLines)]
     curves = [s for s in result.shapes if isinstance(s, Series) and s.over_time]
     times = np.concatenate([np.zeros(0, np.int64), *moving, *(np.asarray(s.x) for s in curves)])
-    clock = skipping(np.unique(times // MINUTE, return_counts=True)[0])
+    clock = skipping(levels(times // MINUTE))
     with open_stream(Path(out_rrd), f"{site.name}, {result.name}") as stream:
         stream.clock = clock
         log_site(stream, site)
