@@ -25,8 +25,7 @@ KINK, CORNER = 1.0, 0.5
 """Way on which a truck that follows the map's line takes its kinks [m]; larger ones are rounded [rad]."""
 SHORTEST = 8.0  # A shorter leg says nothing of how fast one drives [m]
 FEWEST = 5  # Turns on the spot that tell how long one takes
-OWN = 60.0
-"""Undisturbed driving after which a stretch of lane is known by itself, and no longer by all others [s]."""
+OWN = 60.0  # Undisturbed driving after which a stretch of lane is known by itself, not by all others [s]
 MODEL = 0.01  # Share of the time by which the free drive may be off on all stretches alike
 
 
