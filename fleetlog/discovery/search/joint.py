@@ -19,8 +19,7 @@ from fleetlog.discovery.search.ridge import Fitted, Sums, cross_validated
 MOST_STEPS = 4
 SETTLED = 0.02  # Steps end when every number moves by less than this share of its tolerance or range
 SHARES = (1.0, 0.25)  # Of its tolerances that a truck file uses; one share for all its numbers is fitted
-VARIANCES = (0.03, 0.3, 3.0, 30.0)
-"""Prior variances tried for fields and free curves, in units of what is usual; ten times apart will do."""
+VARIANCES = (0.03, 0.3, 3.0, 30.0)  # Tried for fields and free curves, of what is usual; ten apart will do
 
 
 @dataclass(frozen=True)
