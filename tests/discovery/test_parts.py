@@ -407,16 +407,17 @@ def setting_off(rate: float):
     return lambda s: min(3.5, np.sqrt(4.0 + 1.6 * max(28.0 - s, 0.0) + 2.0 * rate * max(s - 32.0, 0.0)))
 
 
-@pytest.mark.parametrize("common", [0.25, 0.6, 0.8])
+@pytest.mark.parametrize("common", [0.2, 0.3, 0.5, 0.8])
 @pytest.mark.parametrize("angle", [0.0, 1.5])
 def test_how_fast_trucks_gather_speed_behind_bends_is_told_by_what_ways_have_in_common(
     angle: float, common: float
 ) -> None:
-    """One way of five on which they do so otherwise changes nothing; where no way bends the truck file holds."""
-    ways = [crossing(angle, setting_off(rate)) for rate in (0.4, common, common, common, common)]
+    """One way of five on which they do so otherwise changes nothing; where no way bends the truck file holds,
+    and where they do so hardly more slowly than it says."""
+    ways = [crossing(angle, setting_off(rate)) for rate in (0.25, common, common, common, common)]
     seen = [[(leg, np.full(121, 3.5), np.ones(121, bool))] * 3 for leg in ways]
     found = _as_gathered([[one for _, one in crossings(legs)] for legs in seen], TRUCK)
-    expected = common if angle else TRUCK.drive.max_acceleration
+    expected = common if angle and common < 0.4 else TRUCK.drive.max_acceleration
     assert found.drive.max_acceleration == pytest.approx(expected, rel=0.05)
 
 

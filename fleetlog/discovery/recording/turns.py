@@ -33,7 +33,7 @@ BEND, BACK = 0.6, 2.6  # A smaller turn is none; a larger one is a turn on the s
 DRIVEN = 0.7  # Quantile of undisturbed speeds that is meant: some dawdle, or meet what nobody recorded
 SHORTEST = 1.0  # Shortest bend [m]
 BLUR = 1.0 / 3.0  # Variance of the stretch over which a course is taken here [m2]
-ALIKE = 0.65  # Of the nominal lateral acceleration; above, a map without curves cannot tell it from that
+ALIKE = 0.65  # Of the nominal acceleration, in bends or behind; above, nothing here tells it from that
 
 
 @dataclass(frozen=True)
@@ -167,8 +167,9 @@ def _as_gathered(ways: Iterable[list[Pass]], truck: Truck) -> Truck:
         slow = driven < DIP * np.nanmax(driven[PLACES > 0.0], initial=0.0)
         gathers = np.diff(driven**2)[(PLACES > 0.0)[1:] & slow[1:] & (np.diff(driven) > 0.0)]
         rates += [0.5 * float(np.quantile(gathers, DRIVEN))] if len(gathers) >= FEWEST else []
-    most = float(np.median(rates)) if len(rates) >= FEWEST else truck.drive.max_acceleration
-    return replace(truck, drive=replace(truck.drive, max_acceleration=most))
+    drive, most = truck.drive, float(np.median(rates)) if len(rates) >= FEWEST else np.inf
+    slowly = most < ALIKE * drive.max_acceleration  # Hardly more slowly is how people drive.
+    return replace(truck, drive=replace(drive, max_acceleration=most)) if slowly else truck
 
 
 def _angle(passes: list[Pass]) -> float:
