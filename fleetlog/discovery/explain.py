@@ -25,10 +25,8 @@ from fleetlog.discovery.search.judge import judge
 from fleetlog.discovery.search.problem import Noise, Problem
 from fleetlog.discovery.settings import Settings
 
-EXCLUDED = 4.0
-"""Logarithm of the odds by which an excluded rival must be behind: 55 to 1, about two standard errors."""
-BY_ITSELF = float(ndtr(-1.0))
-"""P-value of what is as large as the model's own error, which is one standard deviation of it."""
+EXCLUDED = 4.0  # Logarithm of the odds by which an excluded rival is behind: 55 to 1, two standard errors
+BY_ITSELF = float(ndtr(-1.0))  # P-value of what is as large as the model's own error: one deviation of it
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from fleetlog.discovery.recording.day import Day
 from fleetlog.discovery.recording.fleet import Fleet, read_fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
-from fleetlog.discovery.recording.turns import Turn, _map_explains, crossings, measure
+from fleetlog.discovery.recording.turns import Turn, _as_gathered, _map_explains, crossings, measure
 from fleetlog.discovery.report.fields import Values, together, told
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.report.words import statement
@@ -400,6 +400,41 @@ def test_a_slow_road_before_or_behind_a_junction_is_no_place_where_trucks_give_w
         return min(3.5, np.sqrt(4.0 + 1.6 * ahead + 1.2 * since))
 
     assert measure(crossings(ways_beside(crossing(0.0, pace))), TRUCK).by_way[0, 1].slow == ()
+
+
+def setting_off(rate: float):
+    """At 2 m/s in the bend, gathering speed at a ``rate`` behind it; else at 3.5 m/s."""
+    return lambda s: min(3.5, np.sqrt(4.0 + 1.6 * max(28.0 - s, 0.0) + 2.0 * rate * max(s - 32.0, 0.0)))
+
+
+@pytest.mark.parametrize("common", [0.2, 0.3, 0.5, 0.8])
+@pytest.mark.parametrize("angle", [0.0, 1.5])
+def test_how_fast_trucks_gather_speed_behind_bends_is_told_by_what_ways_have_in_common(
+    angle: float, common: float
+) -> None:
+    """One way of five on which they do so otherwise changes nothing; where no way bends the truck file holds,
+    and where they do so hardly more slowly than it says."""
+    ways = [crossing(angle, setting_off(rate)) for rate in (0.25, common, common, common, common)]
+    seen = [[(leg, np.full(121, 3.5), np.ones(121, bool))] * 3 for leg in ways]
+    found = _as_gathered([[one for _, one in crossings(legs)] for legs in seen], TRUCK)
+    expected = common if angle and common < 0.4 else TRUCK.drive.max_acceleration
+    assert found.drive.max_acceleration == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize(("straight", "told"), [(0.6, False), (3.5, True)])
+def test_who_is_as_slow_straight_on_is_not_slow_for_the_bend(straight: float, told: bool) -> None:
+    """Bends at 0.9 m/s tell of lateral acceleration only where trucks that go straight on are faster."""
+
+    def stops(slowest: float):
+        return lambda s: min(3.5, np.sqrt(slowest**2 + (1.6 if s < 28.0 else 1.2) * abs(s - 28.0)))
+
+    ways = [crossing(1.5, stops(0.9 + 0.1 * k)) for k in range(3)]
+    ways += [crossing(0.0, stops(straight)) for _ in range(3)]
+    for k, leg in enumerate(ways):
+        leg.path.edge[:] += 2 * k
+    seen = [(leg, np.full(121, 3.5), np.ones(121, bool)) for leg in ways for _ in range(3)]
+    lateral = measure(crossings(seen), TRUCK).lateral
+    assert (lateral < TRUCK.drive.max_lateral_acceleration) is told
 
 
 def turning_back(s: float) -> float:

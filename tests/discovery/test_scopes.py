@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Chassis, Truck
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import FLEET, Knob, Model, Scope
 from fleetlog.discovery.search import scopes
 from fleetlog.discovery.search.beside import Beside
@@ -84,6 +85,27 @@ def test_what_does_not_change_gains_nothing_unseen() -> None:
         gains.append(float(nothing.validated(weight)[0].sum()))
     # The scope was chosen on all folds, so a little is left; its choice costs eight, and the number four.
     assert np.quantile(gains, 0.98) < 8.0
+
+
+@pytest.mark.parametrize(
+    ("begin", "until", "told"), [(20, 26, False), (20, 32, True), (42, SLOTS, True), (0, 6, True)]
+)
+@pytest.mark.parametrize("unsteady", [frozenset(), frozenset({0})])
+def test_what_comes_and_goes_between_two_knots_is_none_of_a_battery_whose_power_was_told_by_curves(
+    begin: int, until: int, told: bool, unsteady: frozenset[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The curves cannot follow a change within a fifth of the time; what lasts from or until then is told."""
+    everyone = tuple(range(VEHICLES))
+    found = column(over(begin, until, everyone), 1.0, 1)
+    (_, scope, weight), _ = _parts(found, EDGES, everyone)
+    sums = SimpleNamespace(edges=EDGES, by_class=False, loosened=lambda _: (np.zeros(FOLDS), 0.0))
+    monkeypatch.setattr(scopes, "Slotted", lambda *_: sums)
+    monkeypatch.setattr(scopes, "_likely", lambda *_: [(found, scope, weight)])
+    problem = SimpleNamespace(channel=SimpleNamespace(unsteady=unsteady), price=lambda _: 0.0)
+    number = Hypothesis("battery_capacity", (Knob("battery_capacity", "capacity_wh", FLEET),))
+    screened = [SimpleNamespace(hypothesis=number)]
+    out = scopes.scoped(problem, SimpleNamespace(chosen=()), screened)  # type: ignore[arg-type]
+    assert bool(out) is (told or not unsteady)
 
 
 def test_a_scope_concerns_its_vehicles_and_its_time_alone() -> None:

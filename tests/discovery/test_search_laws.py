@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -9,9 +11,12 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, minimize
 from scipy.stats import kstest
 
-from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, lay_out
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, FreeCurve, KnobSource, lay_out
 from fleetlog.discovery.model import Knob
 from fleetlog.discovery.report.finding import Lasting
+from fleetlog.discovery.search import finish, forward
+from fleetlog.discovery.search.joint import Size
 from fleetlog.discovery.search.judge import common, lasting, noise_floor, p_value
 from fleetlog.discovery.search.ridge import Normal, Prior, Sums, cross_validated, solve
 
@@ -162,3 +167,25 @@ def test_a_load_that_goes_on_and_off_is_told_at_rest() -> None:
     assert told.vehicle == 2 and told.p_value < 1e-3
     assert told.share == pytest.approx(float(np.std(on)) / 5.0, rel=0.15)
     assert none.p_value > 0.02 or none.share < 0.02
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.03, False), (0.12, True)])
+def test_a_number_makes_way_for_a_slight_curve_only_where_it_is_no_larger_than_the_models_own_error(
+    share: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A curve that says twice as much as the number is too slight: tolerances say most of what it is, too."""
+    number = Hypothesis("rolling_resistance", (Knob("rolling_resistance", "coefficient"),))
+    curve = Hypothesis(curve=FreeCurve("force", ("acceleration",), ((0.0, 1.0),)))
+    now, better, best = (
+        SimpleNamespace(score=s, chosen=c) for s, c in ((0, ()), (-40, (number,)), (-99, (curve,)))
+    )
+    for where, name, answer in (
+        (forward, "_by_simplicity", [better]), (forward, "on_bound", False), (forward, "_follows", False),
+        (forward, "_repeats", True), (forward, "verified", 0.0), (forward, "size_of", Size(share, 0.02)),
+        (finish, "is_flat", False), (finish, "at_junctions", False), (finish, "counts", True),
+    ):  # fmt: skip
+        monkeypatch.setattr(where, name, lambda *_, answer=answer: answer)
+    channel = SimpleNamespace(model_error=0.03, place_error=0.09)
+    problem = SimpleNamespace(channel=channel, settings=SimpleNamespace(material=0.02, evidence=4.0))
+    counting = forward._counting(problem, None, now, [best, better], [], [])  # type: ignore[arg-type]
+    assert list(counting) == ([better] if told else [])

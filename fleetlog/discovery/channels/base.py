@@ -26,8 +26,7 @@ R = TypeVar("R")
 
 MAKERS = dict(zip(get_args(Source), ("_knob", "_field", "_curve", "_error"), strict=True))
 SAMPLE = "sample"  # Group of what is drawn from all dates
-CODES = ("vehicle_id", "day", "trip_id", "heading")
-"""Variables without knots: codes, and an angle, which goes round."""
+CODES = ("vehicle_id", "day", "trip_id", "heading")  # Without knots: codes, and an angle, which goes round
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from fleetlog.discovery.recording.splits import Split
 from fleetlog.discovery.settings import Settings
 
 CHANNELS = ("battery_power", "soc", "speed")
-QUANTA = 8.0
-"""Steps in a window of a stepped state of charge on average: its error is then a twentieth of its energy."""
+QUANTA = 8.0  # Steps of the state of charge in a window on average: its error is a twentieth of its energy
 WIDEST = 600.0  # Of a window [s]: a stretch of road is no longer seen in a wider one
 ROWS = 3.0  # Rows in a window at least
 ENOUGH = 4.0  # Times the fewest windows that a channel is judged by

@@ -48,9 +48,7 @@ class EnergyChannel(Channel):
     places: Cells | None
     measured: bool
     charge_step: Floats  # Step in which the state of charge is logged, (V,)
-    power_step: dict[
-        int | None, float
-    ]  # Step in which power is logged, by vehicle and by the finest logger [W]
+    power_step: dict[int | None, float]  # Step of the power, by vehicle and by the finest logger [W]
     between: dict[int, Between] = field(default_factory=dict)  # What power lacks between rows, by vehicle
     climbs: bool = False  # Slopes of most vehicles are those of heights that the log shows itself
 
@@ -109,11 +107,8 @@ class EnergyChannel(Channel):
         ``final``: where rows miss much, learn to tell recorded power from the motion, too."""
         seen: list[tuple[Unit, Mask, Trajectory]] = []
         kind = {v: k for k, kind in enumerate(self.fleet.loggers) for v in kind}
-        beside, enough, (looked, changed, sizes) = (
-            0.0,
-            settings.sample // 4,
-            np.zeros((3, max(kind.values()) + 1)),
-        )
+        beside, enough = 0.0, settings.sample // 4
+        looked, changed, sizes = np.zeros((3, max(kind.values()) + 1))
         for day in (self.fleet.days[k] for k in far_apart(len(self.fleet.days))):
             if looked.sum() >= enough and looked[kind[day.vehicle]]:
                 continue  # The mean square is known to 2 %

@@ -22,8 +22,7 @@ from fleetlog.physics.motion.reconstruction import SQUARE
 from fleetlog.physics.power import ByTerm, Physics, acting, all_terms, cell_power
 from fleetlog.physics.term import GRAVITY, Floats, Term, Values
 
-STEP = 0.01
-"""Finite differences, as a share of a range: large against rounding, small against the switch to braking."""
+STEP = 0.01  # Finite differences, of a range: large against rounding, small against the switch to braking
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,10 @@ from fleetlog.discovery.recording.turns import CENTRE, Seen
 from fleetlog.physics.motion import legs
 from fleetlog.physics.motion.legs import Leg
 
-KINK, CORNER = 1.0, 0.5
-"""Way on which a truck that follows the map's line takes its kinks [m]; larger ones are rounded [rad]."""
+KINK, CORNER = 1.0, 0.5  # Way on which trucks on the map's line take a kink [m]; larger are no kinks [rad]
 SHORTEST = 8.0  # A shorter leg says nothing of how fast one drives [m]
 FEWEST = 5  # Turns on the spot that tell how long one takes
-OWN = 60.0
-"""Undisturbed driving after which a stretch of lane is known by itself, and no longer by all others [s]."""
+OWN = 60.0  # Undisturbed driving after which a stretch of lane is known by itself, not by all others [s]
 MODEL = 0.01  # Share of the time by which the free drive may be off on all stretches alike
 
 

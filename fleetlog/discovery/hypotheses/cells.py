@@ -21,10 +21,8 @@ MOST = 600  # More are made longer instead: products of modes, some half as many
 SMALLEST = 8.0  # Side of a square, and length of stretches that say nothing of each other [m]
 MOST_SQUARES = 350  # More squares than this are made larger instead
 ALIKE = 3.0  # Distance over which neighbours resemble each other, in sides of a square
-LARGE = 0.35
-"""Values with this share of the largest belong to where an effect is: less is the fringe of the prior."""
-COARSE = 0.95
-"""Share of the prior's variance that is kept: half the columns at no loss, measured on roads with hills."""
+LARGE = 0.35  # Of the largest value: as large is where an effect is, less is the fringe of the prior
+COARSE = 0.95  # Of the prior's variance that is kept: half the columns at no loss, measured on hilly roads
 
 
 @dataclass(frozen=True)

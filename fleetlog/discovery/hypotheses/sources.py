@@ -22,8 +22,7 @@ UNIT = dict(force=0.01, drive=0.1, power=300.0, moving=300.0, still=300.0, time=
 """Of a coefficient: shares of the weight, of the drive's power, watts, shares of the time."""
 SLOW = frozenset({"ambient_temperature", "time", "soc", "day", "time since start"})
 """Variables that change over hours: whole stretches of hours are their independent samples, not trips."""
-LEAST_RANGE = {"payload": 50.0, "soc": 0.02, "ambient_temperature": 1.5}
-"""A variable that moves less is constant; 0.1 of any other."""
+LEAST_RANGE = {"payload": 50.0, "soc": 0.02, "ambient_temperature": 1.5}  # Less is none; 0.1 of others
 PLACED = {
     "acceleration": (-0.8, -0.4, -0.1, 0.1, 0.4, 0.8), "lift_speed": (-0.5, -0.25, 0.0, 0.25, 0.5),
     "time since departure": (0.0, 5.0, 10.0, 20.0, 40.0, 80.0),

@@ -18,13 +18,10 @@ from fleetlog.core.truck import Truck
 from fleetlog.discovery.recording.blocks import Block, counted_on, narrow
 from fleetlog.physics.motion.legs import Leg, legs
 
-WIDTH, ABREAST = 2.0, 1.2
-"""Two trucks cannot be at places nearer than this at once; than that, where they meet head-on [m]."""
-BODY, REACTION = 6.0, 2.0
-"""Length of a truck with the gap that it keeps [m], and the headway that drivers keep [s]."""
+WIDTH, ABREAST = 2.0, 1.2  # Two trucks are never at places nearer than this; than that, head-on [m]
+BODY, REACTION = 6.0, 2.0  # Length of a truck with the gap that it keeps [m], and headway of drivers [s]
 CLOSE = 3.0  # A driver heeds a truck that passes the crossing so soon after him [s]
-ALONG, AGAINST = 0.7, -0.7
-"""Cosine of the angle between two courses above which one follows, below which they meet head-on."""
+ALONG, AGAINST = 0.7, -0.7  # Cosine between courses above which one follows, below which they meet head-on
 RELEASE = 6.0  # Whoever waits for another sets off so soon after the way is free [s]
 NEAR = 16.0  # Whoever stands for another is so near the place that it leaves: half a junction, a truck [m]
 PASSING = 2.0  # Who is at a place for longer stands there [s]

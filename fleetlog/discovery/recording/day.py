@@ -10,8 +10,7 @@ from fleetlog.core.arrays import Floats, Mask
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion.rows import updates
 
-SELDOM, SEVERAL = 5.0, 2.5
-"""Seconds and rows between updates of positions from which on these are too few to hold a speed against."""
+SELDOM, SEVERAL = 5.0, 2.5  # Seconds, and rows, between updates of positions that are too few
 SHARED = 0.05  # Levels of values in steps, by row: twenty rows have one in common on average
 FEWEST, REGULAR = 50, 0.8  # Runs of equal power that say how long values are held; share alike of them
 DAY = 86_400_000_000  # Microseconds

@@ -28,8 +28,7 @@ from fleetlog.store.trips import STANDING_SPEED
 
 FINE = 1.0  # Step of the shifts that are tried, at most [s]: trucks start and brake within seconds
 LONGEST = 40.0  # Largest shift that is tried [s]: clocks of two loggers that are set by hand
-ALIKE = 0.01
-"""Correlations this close to the best are as good: work that repeats itself matches at many shifts."""
+ALIKE = 0.01  # Correlations this close to the best are as good: repeated work matches at many shifts
 SURE = 4.0  # Standard errors that a fault must reach
 END = 6.0  # Metres at the ends of an edge where corners are cut
 SHORTEST = 12.0  # Metres of progress that are worth comparing

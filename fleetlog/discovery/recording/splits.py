@@ -21,8 +21,7 @@ FEWEST = 20  # Trips from which on they are the unit of what is held out: two fo
 PIECES = 60  # Stretches into which a recording of few trips is cut
 SLOW = 36  # Stretches of time that are the independent samples of what changes over hours
 SHORTEST, LONGEST = 3.0, 86400.0  # Of a stretch: windows, and seconds
-FEW, MANY = 6, 150
-"""Trips that may each have something of their own: fewer say little, more are no longer one column each."""
+FEW, MANY = 6, 150  # Trips that may each have something of their own: fewer say little, more are no columns
 LONG = 30.0  # Mean seconds of a trip that can be judged by its own parts
 RETURN = 10  # Windows after which a truck that is at a place again has come back to it
 

@@ -30,12 +30,10 @@ HALVES = (0.5, 2.0, 4.0)  # Half the way on which trucks go slowly before they g
 DIP = 0.9  # Slowing down by less than this share costs less than 0.1 s
 CLEAR = 14.0  # Nearer to a stop, the speed at a junction is that of setting off or stopping [m]
 BEND, BACK = 0.6, 2.6  # A smaller turn is none; a larger one is a turn on the spot [rad]
-DRIVEN = 0.7
-"""Quantile of undisturbed speeds that is the one intended: some dawdle, or meet what nobody recorded."""
+DRIVEN = 0.7  # Quantile of undisturbed speeds that is meant: some dawdle, or meet what nobody recorded
 SHORTEST = 1.0  # Shortest bend [m]
 BLUR = 1.0 / 3.0  # Variance of the stretch over which a course is taken here [m2]
-ALIKE = 0.65
-"""Share of the nominal lateral acceleration above which a map without curves cannot tell it from that."""
+ALIKE = 0.65  # Of the nominal acceleration, in bends or behind; above, nothing here tells it from that
 
 
 @dataclass(frozen=True)
@@ -112,14 +110,19 @@ def measure(found: Iterable[tuple[Way, Pass]], truck: Truck) -> Turns:
     passes: dict[Way, list[Pass]] = defaultdict(list)
     for way, one in found:
         passes[way].append(one)
-    known = {way: _turn(p, truck) for way, p in _as_unladen(passes).items() if len(p) >= FEWEST}
+    seen = {way: p for way, p in _as_unladen(passes).items() if len(p) >= FEWEST}
+    usual = _as_gathered(seen.values(), truck)
+    known = {way: _turn(p, usual) for way, p in seen.items()}
     backs = {way: t for way, t in known.items() if abs(t.angle) > BACK}
     ahead = [t for way, t in known.items() if way not in backs]
     bends = [t for t in ahead if abs(t.angle) > BEND]
     level = nominal = truck.drive.max_lateral_acceleration
-    if len(bends) < FEWEST or _map_explains(ahead):
+    # Who is as slow where the way goes straight on stops or gives way there, and not for a bend or corner.
+    straight = [min((v for *_, v in t.slow), default=t.speed) for t in ahead if abs(t.angle) <= BEND]
+    bind = np.median(straight or np.inf) > np.median([t.speed for t in bends] or 0.0)
+    if len(bends) < FEWEST or (bind and _map_explains(ahead)):
         known = backs  # No map tells how trucks turn back
-    else:
+    elif bind:
         level = float(np.median([t.speed**2 for t in bends])) / truck.chassis.turn_radius
     back = sorted(backs.values(), key=lambda t: t.speed)[len(backs) // 2] if backs else None
     return Turns(known, level if level < ALIKE * nominal else nominal, back)
@@ -157,17 +160,35 @@ def _as_unladen(passes: dict[Way, list[Pass]]) -> dict[Way, list[Pass]]:
     return out
 
 
+def _as_gathered(ways: Iterable[list[Pass]], truck: Truck) -> Truck:
+    """The truck with the acceleration behind bends that ways have in common: that is no way's own."""
+    rates = list[float]()
+    for driven in [_driven(passes) for passes in ways if abs(_angle(passes)) > BEND]:
+        slow = driven < DIP * np.nanmax(driven[PLACES > 0.0], initial=0.0)
+        gathers = np.diff(driven**2)[(PLACES > 0.0)[1:] & slow[1:] & (np.diff(driven) > 0.0)]
+        rates += [0.5 * float(np.quantile(gathers, DRIVEN))] if len(gathers) >= FEWEST else []
+    drive, most = truck.drive, float(np.median(rates)) if len(rates) >= FEWEST else np.inf
+    slowly = most < ALIKE * drive.max_acceleration  # Hardly more slowly is how people drive.
+    return replace(truck, drive=replace(drive, max_acceleration=most)) if slowly else truck
+
+
 def _angle(passes: list[Pass]) -> float:
     return float(np.median([p.turned.sum() for p in passes]))
+
+
+def _driven(passes: list[Pass]) -> Floats:
+    """Speeds at all places that are driven where nobody is in the way, (K,) [m/s]; NaN where few did."""
+    profile, driven = np.stack([p.profile for p in passes]), np.full(len(PLACES), np.nan)
+    seen = np.isfinite(profile).sum(axis=0) >= FEWEST
+    driven[seen] = np.nanquantile(profile[:, seen], DRIVEN, axis=0)
+    return driven
 
 
 def _turn(passes: list[Pass], truck: Truck) -> Turn:
     """What passages have in common."""
     angle = _angle(passes)
     free, curvature = (float(np.median([getattr(p, n) for p in passes])) for n in ("free", "curvature"))
-    profile, driven = np.stack([p.profile for p in passes]), np.full(len(PLACES), np.nan)
-    seen = np.isfinite(profile).sum(axis=0) >= FEWEST
-    driven[seen] = np.nanquantile(profile[:, seen], DRIVEN, axis=0)
+    driven = _driven(passes)
     if abs(angle) < BEND:
         return Turn(angle, 0.0, _speed(passes, 0.0, 2.0), free, curvature, _dip(driven, truck, ()))
     turned, at = np.concatenate([p.turned for p in passes]), np.concatenate([p.at for p in passes])

@@ -177,11 +177,13 @@ def _counting(
             continue
         if any(_follows(problem, sums, now, joint, o) for o in ranked):
             continue
-        # A number that repeats a curve which says twice as much, and is too slight to be told, is so as well.
-        twice = [o for o in untold if h.knobs and now.score - joint.score < HALF * (now.score - o.score)]
+        # A number that repeats a curve which says twice as much, and is too slight to be told, is so as well,
+        # but where it changes more than the model's own error does: of the curve tolerances say a part.
+        size = sizes.get(h) or size_of(problem, now, joint)
+        small = bool(h.knobs) and size.share < problem.channel.place_error
+        twice = [o for o in untold if small and now.score - joint.score < HALF * (now.score - o.score)]
         if any(_repeats(problem, sums, now, joint, o) for o in twice):
             continue
-        size = sizes.get(h) or size_of(problem, now, joint)
         if not finish.counts(problem, h, size, least):
             slight.append((joint, size))
             continue
@@ -240,8 +242,7 @@ MOST = 0.7  # Share of what speaks for free time by place that a name must reach
 HALF = 0.5  # The same of a curve, of the one of two names that says more
 EDGE = 0.5 * CERTAIN**2  # What a number on the edge of its tolerance costs [nat]
 SECOND = 3  # Numbers that are tried beside a name
-NUMBERS, OTHERS = 0.1, 0.3
-"""Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
+NUMBERS, OTHERS = 0.1, 0.3  # Of the best gain, to be fitted exactly: a number's linear gain may be too small
 
 
 def _no_better_than(

@@ -19,10 +19,8 @@ from fleetlog.discovery.search.ridge import Fitted, Sums, cross_validated
 
 MOST_STEPS = 4
 SETTLED = 0.02  # Steps end when every number moves by less than this share of its tolerance or range
-SHARES = (1.0, 0.25)
-"""A truck file that is right leaves its tolerances unused; one share for all its numbers is fitted."""
-VARIANCES = (0.03, 0.3, 3.0, 30.0)
-"""Prior variances tried for fields and free curves, in units of what is usual; ten times apart will do."""
+SHARES = (1.0, 0.25)  # Of its tolerances that a truck file uses; one share for all its numbers is fitted
+VARIANCES = (0.03, 0.3, 3.0, 30.0)  # Tried for fields and free curves, of what is usual; ten apart will do
 CHANCE = 0.025  # That a number lies beyond either side of its tolerance, which is stated at 95 %
 
 

@@ -30,8 +30,7 @@ HUBER = 4.0  # Standard deviations beyond which a window counts less (Huber 1964
 MEDIAN = 2.198  # The mean square of a normal variable over the median of its square
 FEWEST = 5
 LESS = 0.5  # Of the losses that noise leads to expect; medians of a hundred windows tell it to a seventh
-EXPONENTS = np.linspace(0.0, 2.0, 9)
-"""Of the scatter of rows in windows' variance: 0 where rows telescope, 2 where each errs by itself."""
+EXPONENTS = np.linspace(0.0, 2.0, 9)  # Of rows' scatter in windows' variance: 0, they telescope; 2, each errs
 
 
 @dataclass

@@ -14,6 +14,7 @@ from fleetlog.core.arrays import Floats, Ints, Mask
 from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.hypotheses.cells import Cells, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
+from fleetlog.discovery.hypotheses.sources import KNOTS
 from fleetlog.discovery.model import Knob, Scope
 from fleetlog.discovery.recording.blocks import Windows
 from fleetlog.discovery.search.beside import Added, Beside, Screened
@@ -149,11 +150,12 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
     if not numbers:
         return []
     s = Slotted(problem, now, list(numbers.values()))
-    out = []
+    # What comes and goes between two knots of the curves by which power was told is no battery's.
+    knots, out = np.ptp(s.edges) / (KNOTS - 1) if problem.channel.unsteady else 0.0, list[Screened]()
     for j, h in enumerate(numbers.values()):
         alone, cost = s.loosened(h.knobs[0])
         for column, scope, weight in _likely(s, j, h.knobs[0]):
-            if column.left(weight) < (OWN if s.by_class else DISTINCT):
+            if column.left(weight) < (OWN if s.by_class else DISTINCT) or scope.until - scope.begin < knots:
                 continue
             own = h.of(scope)
             gains, paid = column.validated(weight)
