@@ -128,8 +128,9 @@ class Verdict:
         """``found``, ``none`` or ``unknown``."""
         if self.unexplained or any(f.term == "unknown" for f in self.findings):
             return "unknown"
-        judged = "none" if any(c.judged for c in self.channels) else "unknown"
-        return "found" if self.findings else judged
+        if self.findings:
+            return "found"
+        return "none" if any(c.judged for c in self.channels) else "unknown"
 
     @property
     def passes(self) -> bool:
