@@ -8,7 +8,7 @@ from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.model import Model, field_values
 from fleetlog.discovery.recording.turns import REACH
-from fleetlog.discovery.search.beside import screen
+from fleetlog.discovery.search.beside import pattern_hypotheses, screen
 from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
@@ -219,6 +219,32 @@ def one_for_several(problem: Problem, found: Search) -> Joint | None:
         if best := min(near, key=lambda j: len(j.chosen[-1].depends_on), default=None):
             found.rivals[best.chosen[-1].kind] = considered(problem, left, best, tried)
             return best
+    return None
+
+
+def beside_number(problem: Problem, found: Search) -> Joint | None:
+    """Return the fit with a number of the truck file and simple shapes in the place of a field of all roads,
+    if the field says no more than the model's own error may exchange for them: a number acts on all roads."""
+    now, file = found.joint, problem.channel.adjustable()
+    taken = {k for h in now.chosen for k in h.knobs}
+    numbers = [
+        h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in file and h.knobs[0] not in taken
+    ]
+    for h in (h for h in now.chosen if h.field and h.term and not h.waits):
+        rest, tried = [c for c in now.chosen if c is not h], list[Joint]()
+        left = refit(problem, now.without(h), rest)
+        sums = problem.sums(left.model, [*rest, h, *numbers])
+        for number in numbers:
+            alone = scored(problem, sums, left.model, [*rest, number])
+            shapes = pattern_hypotheses(problem, sums, alone, h)
+            tried += [scored(problem, sums, left.model, [*rest, number, s]) for s in shapes]
+        if not tried:
+            continue
+        joint = refit(problem, left.model, min(tried, key=lambda j: j.score).chosen, 2)
+        implausible = any(on_bound(problem, joint, c) for c in joint.chosen)
+        if not implausible and verified(joint, now) < problem.channel.model_error:
+            found.rivals |= {c.kind: found.rivals.get(h.kind, []) for c in joint.chosen[-2:]}
+            return joint
     return None
 
 

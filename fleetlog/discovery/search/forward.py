@@ -37,6 +37,7 @@ def search(problem: Problem, nominal: Model) -> Search:
             both = [j for j in (better, _step(problem, found, found.near)[1]) if j is not None]
             better = min((refit(problem, j.model, j.chosen) for j in both), key=lambda j: j.score)
         found.joint = better
+    found.joint = finish.beside_number(problem, found) or found.joint
     return shaped(problem, pruned(problem, found))
 
 
