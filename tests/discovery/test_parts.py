@@ -686,6 +686,7 @@ def test_a_step_is_taken_once_more_where_the_model_that_it_found_shows_less_nois
 
     monkeypatch.setattr(forward, "_step", step)
     monkeypatch.setattr(forward, "refit", lambda problem, model, chosen: joint(chosen))
+    monkeypatch.setattr(finish, "beside_number", lambda *_: None)
     for last in ("pruned", "shaped"):
         monkeypatch.setattr(forward, last, lambda problem, found: found)
     found = forward.search(cast(Problem, Noisy()), cast(Model, None))
