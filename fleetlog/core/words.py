@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from string import Formatter
 from typing import Any
@@ -34,9 +35,13 @@ class Sentences(Formatter):
     are those of ``str.format``; ``{n:count truck}`` and ``{share:percent 1}`` are the functions above."""
 
     def __init__(self, module: str) -> None:
-        file = Path(module)
-        every = tomllib.loads(file.with_name("sentences.toml").read_text(encoding="utf-8"))
-        self.texts: dict[str, str] = every[file.stem]
+        self.module = Path(module)
+
+    @cached_property
+    def texts(self) -> dict[str, str]:
+        """Sentences by name, read when the first is told: not by everybody who loads the module."""
+        every = tomllib.loads(self.module.with_name("sentences.toml").read_text(encoding="utf-8"))
+        return dict(every[self.module.stem])
 
     def __call__(self, name: str, /, **figures: Any) -> str:
         """The sentence ``name`` with its figures."""
