@@ -20,7 +20,7 @@ from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Finding, Parameter, interval
 from fleetlog.discovery.search.finish import Search, on_bound
 from fleetlog.discovery.search.forward import search
-from fleetlog.discovery.search.joint import Joint, covariance, errors, refit, strain
+from fleetlog.discovery.search.joint import Joint, covariance, errors, refit, said, strain
 from fleetlog.discovery.search.judge import judge
 from fleetlog.discovery.search.problem import Noise, Problem
 from fleetlog.discovery.settings import Settings
@@ -135,7 +135,7 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
         findings.append(_finding(problem, found, h, where, when, scope, parameters, own))
     after = final.model
     if (lost := channel.lost(after)) is not None and others.counts(lost, settings):
-        own = Errors(fit.metric, unseen(channel, after, disturbed=True), fit.after, lost.p_value)
+        own = Errors(fit.metric, unseen(channel, after, final), fit.after, lost.p_value)
         findings.append(others.of_lost(lost, channel, own))
         values[findings[-1].term] = others.values(lost)
         after = after.with_field(findings[-1].term, others.values(lost).deviation)
@@ -146,7 +146,7 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     # What predicts worse than the nominal model, all together, explains nothing.
     worse = bool(fit.before and fit.after and fit.after > settings.at_floor * fit.before)
     if after is not final.model:  # The nominal model knows of no other vehicle in the way.
-        fit.before = unseen(channel, before.model, disturbed=True)
+        fit.before = unseen(channel, before.model, final)
     unexplained = worse or (rest is not None and _above_floor(problem, rest, fit.floor))
     if not findings and not unexplained:
         fit.reason = fit.reason or _hidden(asked, fit.floor)
@@ -156,9 +156,11 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
         {"name": f"{k.term}.{k.parameter}", "vehicle": None if k.scope.one is None else trucks[k.scope.one],
          "value": n.value, "low": n.low, "high": n.high, "unit": n.unit}
         for k, n in numbers.items()
-        if k not in taken and k in final.model.at and k.definition.low < n.value < k.definition.high
+        if k not in taken and final.model.at.get(k, base.coordinate(k)) != base.coordinate(k)
+        and k.definition.edges[0] < n.value < k.definition.edges[1]
     ]  # fmt: skip
     off = strain(sample, final) if channel.bends else {}  # How trucks are driven is a habit
+    small += [] if channel.bends else _habits(channel, final, errors(known))
     told_of = order, small, values, numbers, unexplained, found.slight, doubtful, final.without(*named), off
     return Explained(problem, before.model, after, fit, *told_of)
 
@@ -170,12 +172,24 @@ def _on_all(asked: Task, joint: Joint, kept: Sequence[Hypothesis]) -> Joint:
     return joint if asked.share >= 1.0 else refit(asked.problem, joint.model, kept, steps=1)
 
 
-def unseen(channel: Channel, model: Model, disturbed: bool = False) -> float | None:
-    """Return a model's error on held-out trips; ``disturbed``: also while other vehicles were in the way."""
+def _habits(channel: Channel, joint: Joint, error: Floats) -> list[dict[str, Any]]:
+    """How trucks are driven beside what the profile says, as adjustments."""
+    own = [i for i, a in enumerate(joint.design.atoms) if a.owner is None and a.knob is None]
+    told = zip(channel.errors, joint.fitted.beta[own].tolist(), error[own].tolist(), strict=True)
+    return [
+        {"name": f"{channel.name}.{s.name.replace(' ', '_')}", "vehicle": None, "value": at,
+         "low": at - NORMAL * e, "high": at + NORMAL * e, "unit": s.unit}
+        for s, at, e in told if at
+    ]  # fmt: skip
+
+
+def unseen(channel: Channel, model: Model, habit: Joint | None = None) -> float | None:
+    """Return a model's error on held-out trips; beside a fit's ``habit`` also with others in the way."""
     off, size = 0.0, 0.0
     for unit in channel.units():
-        use = (unit.fold == HELD_OUT) & (unit.recorded > 0.0 if disturbed else unit.whole)
-        off += float(((unit.recorded - channel.predict(unit, model))[use] ** 2).sum())
+        use = (unit.fold == HELD_OUT) & (unit.whole if habit is None else unit.recorded > 0.0)
+        beside = 0.0 if habit is None else said(channel, unit, habit)[1]
+        off += float(((unit.recorded - channel.predict(unit, model) - beside)[use] ** 2).sum())
         size += float((unit.recorded[use] ** 2).sum())
     return float(np.sqrt(off / size)) if size else None
 

@@ -42,14 +42,18 @@ def follow(
 
 
 @kernel()
-def passes(
-    distance: Floats, cap: Floats, slope: Floats, mass: Floats, up: float, down: float, power: float,
-    rolling: float
+def quickest(
+    distance: Floats, cap: Floats, slope: Floats, mass: Floats, wait: Floats, up: float, down: float,
+    power: float, rolling: float,
 ) -> Floats:  # fmt: skip
-    """(N,) speeds: never above ``cap``, gathered with ``up`` and the power at the wheel, shed with ``down``;
-    between two nodes the acceleration is constant, so the square of the speed is linear in distance."""
-    n = len(distance)
-    square = cap * cap
+    """(2, N) speeds and arrival times [s].
+
+    Speeds are never above ``cap``, gathered with ``up`` and the power at the wheel, shed with ``down``;
+    between two nodes the acceleration is constant, so the square of the speed is linear in distance.
+    ``wait`` is spent at a node before going on.  A stretch with a stop at either end, or a hair from one, is
+    driven up and down again within it."""
+    n, square = len(distance), cap * cap
+    out = np.zeros((2, n))
     for i in range(n - 1):
         ds = distance[i + 1] - distance[i]
         v, a = np.sqrt(square[i]), up
@@ -61,13 +65,10 @@ def passes(
     for i in range(n - 1, 0, -1):
         ds = distance[i] - distance[i - 1]
         square[i - 1] = min(square[i - 1], square[i] + 2.0 * down * ds)
-    return np.sqrt(square)
-
-
-def clock(distance: Floats, speed: Floats, wait: Floats, up: float, down: float) -> Floats:
-    """(N,) arrival times [s]; ``wait`` is spent at a node before going on.  A stretch with a stop at either
-    end, or a hair from one, is driven up and down again within it."""
-    ds, total = np.maximum(np.diff(distance), 0.0), np.maximum(speed[:-1] + speed[1:], AT_REST)
-    stops = np.maximum(speed[:-1], speed[1:]) <= AT_REST
-    took = np.where(stops, np.sqrt(2.0 * ds * (1.0 / up + 1.0 / down)), 2.0 * ds / total)
-    return np.append(0.0, np.column_stack([wait[: len(ds)], took])).cumsum()[::2].copy()
+    out[0], shape = np.sqrt(square), 1.0 / up + 1.0 / down
+    for i in range(n - 1):
+        ds, v, w = max(distance[i + 1] - distance[i], 0.0), out[0, i], out[0, i + 1]
+        stops = max(v, w) <= AT_REST
+        took = np.sqrt(2.0 * ds * shape) if stops else 2.0 * ds / max(v + w, AT_REST)
+        out[1, i + 1] = out[1, i] + wait[i] + took
+    return out

@@ -67,11 +67,24 @@ class Parameter:
         low, high = sorted(self.scaled(v) - self.scaled(self.neutral) for v in (self.low, self.high))
         return low, high
 
+    @cached_property
+    def edges(self) -> tuple[float, float]:
+        """How far a model may turn it: beyond the bounds as far as truck files, and trucks, may be off."""
+        off = (1.0 + ALIKE) * self.tolerance
+        low, high = (off * (abs(bound) if self.truck_key else 1.0) for bound in (self.low, self.high))
+        return self.low - low, self.high + high
+
+    @property
+    def caps(self) -> bool:
+        """Whether it acts on one side of where it changes nothing only: below the speed that is allowed."""
+        return self.ceiling and not self.truck_key
+
     def value_of(self, scaled: float) -> float:
-        """Return the value at a coordinate of :meth:`scaled`, within the bounds."""
+        """Return the value at a coordinate of :meth:`scaled`, within the :attr:`edges`."""
+        low, high = self.edges
         if self.inverse:
-            return self.high if scaled <= 1.0 / self.high else max(1.0 / scaled, self.low)
-        return min(max(scaled, self.low), self.high)
+            return high if scaled <= 1.0 / high else max(1.0 / scaled, low)
+        return min(max(scaled, low), high)
 
 
 @dataclass(frozen=True)

@@ -837,13 +837,13 @@ def test_what_a_number_spares_tolerances_speaks_for_it() -> None:
     )  # fmt: skip
     problem = cast(Problem, SimpleNamespace(
         noise=SimpleNamespace(design=1.0, weight=lambda u: np.ones(4)), settings=SETTINGS, price=lambda h: 7.0,
-        training=lambda: [unit],
+        training=lambda: [unit], channel=None,
     ))  # fmt: skip
     h = Hypothesis("viscous_drag", (Knob("viscous_drag", "coefficient"),))
 
     def verified(score: float) -> float:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(joint_fit, "said", lambda problem, unit, joint: (np.ones(4), None))
+            patch.setattr(joint_fit, "said", lambda channel, unit, joint: (np.ones(4), None))
             model, rest = cast(Model, SimpleNamespace(without=lambda *_: None)), cast(Any, None)
             now, joint = (Joint(model, (h,), np.zeros(1), s, 1.0, rest, rest) for s in (0.0, score))
             return joint_fit.size_of(problem, now, joint).verified

@@ -129,8 +129,8 @@ def test_a_time_is_told_by_many_trips_and_not_by_two(
     unit = SimpleNamespace(windows=np.arange(30), whole=np.ones(30, bool), recorded=np.zeros(30))
     problem = SimpleNamespace(
         settings=SETTINGS, training=lambda: [unit], split=SimpleNamespace(unit=lambda w: w),
-        noise=SimpleNamespace(weight=lambda _: np.ones(30)),
+        noise=SimpleNamespace(weight=lambda _: np.ones(30)), channel=None,
     )  # fmt: skip
-    monkeypatch.setattr(scopes, "said", lambda _problem, _unit, joint: (joint, 0.0 * joint))
+    monkeypatch.setattr(scopes, "said", lambda _channel, _unit, joint: (joint, 0.0 * joint))
     always, timed = np.sqrt(np.maximum(gain, 0.0)), np.sqrt(np.maximum(-gain, 0.0))
     assert trips_agree(cast(Any, problem), cast(Any, always), cast(Any, timed)) is agree

@@ -30,9 +30,9 @@ from fleetlog.physics.term import Term
 
 GATHERS = 2.5  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
 ERRORS = (
-    ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25),
-    ErrorSource("kinks", 0.5), ErrorSource("limits", 0.5),
-)  # fmt: skip
+    *(ErrorSource(name, 0.25, unit="s") for name in ("setting off", "stopping", "slowing down")),
+    *(ErrorSource(name, 0.5) for name in ("kinks", "limits")),
+)
 """Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each].  How far
 trucks follow the kinks of the map's line no positions show (0: they drive curves, 1: every kink), nor where
 about a junction one limit gives way to the next (0: where the lines meet, 1: their mean holds all across)."""
@@ -86,12 +86,13 @@ class TravelAbout(About):
         term, p = all_terms()[knob.term], knob.definition
         now = self.model.in_force(knob, self.vehicle)
         low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
-        step = STEP * min(high - low, 4.0 * abs(now))
-        ends = [now + step, now - step]
+        ends = [now + STEP * min(high - low, 4.0 * abs(now)), now]
         if p.reach and now == p.scaled(p.neutral):
-            ends = [p.scaled(p.neutral - p.reach), now]
-        times = [self._set(term, {**dict(source.setting), p.name: p.value_of(e)}) for e in ends]
-        change = self._shared(knob.scope, times[0] - times[1])
+            ends[0] = p.scaled(p.neutral - p.reach)
+        there, here = ({**dict(source.setting), p.name: p.value_of(e)} for e in ends)
+        # What holds now is known, but where other numbers or hours have their own.
+        known = self._set(term, here) if source.setting or self.physics.own else self.seconds
+        change = self._shared(knob.scope, self._set(term, there) - known)
         return np.asarray(self.own.summed(change)[:, None] / (ends[0] - ends[1]))
 
     def _set(self, term: Term, given: dict[str, float]) -> Floats:

@@ -62,6 +62,7 @@ class ErrorSource:
     spread: float
     road: int | None = None
     vehicle: int | None = None
+    unit: str = "1"
 
     @property
     def most(self) -> float:

@@ -29,6 +29,8 @@ def interval(p: term.Parameter, at: float, error: float, nominal: float) -> Para
     bound the mean of what is above it."""
     low, high = sorted(p.value_of(at + s * NORMAL * error) for s in (-1.0, 1.0))
     value = p.value_of(at)
+    if p.low <= value <= p.high:
+        low, high = max(low, p.low), min(high, p.high)
     if p.ends and low == p.low and error:
         z = (value - low) / error
         value += error * float(np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) / ndtr(z))

@@ -123,10 +123,9 @@ def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> At
     width = abs(p.scaled(p.value_of(zero) + allowed) - zero)
     now, zero = model.coordinate(knob), zero if knob.scope.whole else 0.0
     at = np.array(layout.at(KnobSource(knob.column)))
-    return Atom(
-        at, np.ones(1), (CERTAIN / width) ** 2, zero - now,
-        zero - width - now, zero + width - now, knob.scope.one, knob,
-    )  # fmt: skip
+    low, high = zero - (0.0 if p.caps else width), zero + width
+    precision, one = (CERTAIN / width) ** 2, knob.scope.one
+    return Atom(at, np.ones(1), precision, zero - now, low - now, high - now, one, knob)
 
 
 def of_hypothesis(

@@ -301,8 +301,10 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
 def _on_edge(problem: Problem, now: Joint, apart: bool = False) -> list[Hypothesis]:
     """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it; and those
     of trucks ``apart``, half of them at most, that stand on the same edge of what trucks differ by."""
-    fitted = zip(now.design.atoms, now.fitted.beta, strict=True)
-    edges = {a.knob: b >= a.high for a, b in fitted if a.owner is None and a.knob and not a.low < b < a.high}
+    fitted = [(a, b) for a, b in zip(now.design.atoms, now.fitted.beta, strict=True) if a.owner is None]
+    # What caps a speed and does nothing is on no edge.
+    on = [(a.knob, b >= a.high) for a, b in fitted if a.knob and not a.low < b < a.high]
+    edges = {k: high for k, high in on if high or not k.definition.caps}
     out, half = [], (len(problem.channel.fleet.vehicles) + 1) // 2
     for h in _numbers(problem, FLEET):
         out += [h] if h.knobs[0] in edges else []

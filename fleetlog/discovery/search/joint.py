@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from fleetlog.core.arrays import Floats
-from fleetlog.discovery.channels.base import Unit
+from fleetlog.discovery.channels.base import Channel, Unit
 from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
 from fleetlog.discovery.hypotheses.sources import Layout
 from fleetlog.discovery.model import Knob, Model
@@ -18,7 +18,7 @@ from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Fitted, Sums, cross_validated
 
 MOST_STEPS = 4
-SETTLED = 0.02  # Steps end when every number moves by less than this share of its tolerance or range
+SETTLED = 0.1  # Steps end when all are below this share of tolerance or range: each is a tenth of the last
 SHARES = (1.0, 0.25)  # Of its tolerances that a truck file uses; one share for all its numbers is fitted
 VARIANCES = (0.03, 0.3, 3.0, 30.0)  # Tried for fields and free curves, of what is usual; ten apart will do
 CHANCE = 0.025  # That a number lies beyond either side of its tolerance, which is stated at 95 %
@@ -135,7 +135,7 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
     gram, meat, shift = _products(problem, joint)
     # A tolerance holds at 95 %: a number on the edge of its own is known no better than one beside it.
-    known = [a.ends or (a.owner is None and a.knob is not None) for a in design.atoms]
+    known = [a.ends or (a.owner is None and (a.knob or not problem.channel.bends)) for a in design.atoms]
     free = prior.within(beta) | np.array(known, bool)
     bread = np.zeros_like(gram)
     inner = gram + np.diag(prior.precision)
@@ -230,7 +230,7 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     before = now if h.term is None else replace(joint, model=joint.without(h))
 
     def seen(unit: Unit) -> Floats:
-        effect = said(problem, unit, joint)[0] - said(problem, unit, before)[0]
+        effect = said(problem.channel, unit, joint)[0] - said(problem.channel, unit, before)[0]
         there = h.scope.share(int(unit.windows.vehicle[0]), unit.windows.time)
         weight = problem.noise.weight(unit)
         return np.abs(np.stack([effect, unit.recorded, unit.level, weight, there]))[:, unit.whole]
@@ -250,14 +250,14 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     return Size(float(size[touched].sum() / max(float(energy[touched].sum()), 1e-12)), float(verified))
 
 
-def said(problem: Problem, unit: Unit, joint: Joint) -> tuple[Floats, Floats]:
+def said(channel: Channel, unit: Unit, joint: Joint) -> tuple[Floats, Floats]:
     """Return what a fit says of every window, (W,): its model, and what free curves add; and what by it
     sampling hides, which is no physics, and not in the model."""
-    about, out = problem.channel.about(unit.own, joint.model), []
+    about, out = channel.about(unit.own, joint.model), []
     curves = [h.sources[0] for h in joint.chosen if h.term is None]
     of_curves = [a.owner is not None and a.owner.term is None for a in joint.design.atoms]
     of_errors = [a.owner is None and a.knob is None for a in joint.design.atoms]
-    for sources, own in ((curves, of_curves), (problem.channel.errors, of_errors)):
+    for sources, own in ((curves, of_curves), (channel.errors, of_errors)):
         x = about.columns(sources) if sources else np.zeros((len(unit.windows), 0))
         out.append(np.asarray(x @ joint.fitted.beta[own]))
     return about.modelled + out[0], out[1]

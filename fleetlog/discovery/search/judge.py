@@ -29,7 +29,8 @@ def judge(
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
     ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
     hides, as far as it is beyond chance. ``strongest`` are two fits that differ by the hypothesis which says
-    most; the noise floor is measured on a ``share`` of the trips."""
+    most; the noise floor is measured on a ``share`` of the trips. How trucks are driven is an adjustment of
+    all models."""
     channel, fits = problem.channel, [after, *beside.values(), *strongest]
     parts = channel.each(partial(_heard, problem, fits, [*without.values(), before]))
     energy, cluster, vehicle, *pooled = np.concatenate(list(parts), axis=1)
@@ -40,8 +41,10 @@ def judge(
         return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None, []
     size, new = float(np.sqrt(np.mean(energy**2))), energy - modelled
 
+    habit = 0.0 if channel.bends else concealed
+
     def error(residual: Floats) -> float:
-        return float(np.sqrt(np.mean(residual**2))) / size
+        return float(np.sqrt(np.mean((residual - habit) ** 2))) / size
 
     own_error = channel.own_error[vehicle.astype(np.int64)]
     miss, told = own_error * np.abs(modelled), {}
@@ -87,7 +90,7 @@ def _heard(problem: Problem, fits: Sequence[Joint], models: Sequence[Model], uni
     vehicle, what fits say and what by them sampling hides, and what models say."""
 
     def heard(u: Unit) -> Floats:
-        told = [values for joint in fits for values in said(problem, u, joint)]
+        told = [values for joint in fits for values in said(problem.channel, u, joint)]
         told += [problem.channel.predict(u, model) for model in models]
         return np.stack([u.recorded, problem.split.unit(u.windows), u.windows.vehicle, *told])[:, u.whole]
 

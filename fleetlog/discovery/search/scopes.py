@@ -189,7 +189,8 @@ def ended(problem: Problem, joint: Joint, h: Hypothesis) -> Hypothesis:
     def told(unit: Unit) -> Floats:
         """Times, and what the hypothesis says better of each window."""
         use = unit.whole & (always.share(int(unit.windows.vehicle[0]), unit.windows.time) > 0.0)
-        off = (unit.recorded - said(problem, unit, replace(joint, model=m))[0] for m in (without, there))
+        both = (replace(joint, model=m) for m in (without, there))
+        off = (unit.recorded - said(problem.channel, unit, j)[0] for j in both)
         gain = next(off) ** 2 - next(off) ** 2
         return np.stack([unit.windows.time, problem.noise.weight(unit) * gain])[:, use]
 
@@ -211,7 +212,7 @@ def trips_agree(problem: Problem, always: Joint, timed: Joint) -> bool:
     that a field fits badly tell no time."""
     told: list[Floats] = []
     for unit in problem.training():
-        one, other = (unit.recorded - np.sum(said(problem, unit, j), axis=0) for j in (always, timed))
+        one, other = (unit.recorded - np.sum(said(problem.channel, unit, j), axis=0) for j in (always, timed))
         _, trip = np.unique(problem.split.unit(unit.windows), return_inverse=True)
         gained = unit.whole * problem.noise.weight(unit) * (one**2 - other**2)
         told.append(np.bincount(trip, gained).astype(float))

@@ -194,7 +194,7 @@ def quickest(
 ) -> tuple[Floats, Floats, Floats]:
     """(N,) speeds [m/s], arrival times [s] and the speeds that are allowed on a path, where ``path.speed`` is
     the limit; a truck stops where it is at ``rest``, and stands for ``wait`` [s]."""
-    from fleetlog.physics.kernels import clock, passes
+    from fleetlog.physics import kernels
 
     truck = physics.actual_truck
     drive = truck.drive
@@ -203,5 +203,5 @@ def quickest(
     up, down = drive.max_acceleration, drive.max_deceleration
     mass, slope = truck.chassis.mass + path.payload.astype(float), path.slope.astype(float)
     most = np.where(rest, 0.0, cap).astype(float)
-    speed = passes(distance, most, slope, mass, up, down, drive.max_power, truck.resistance.rolling)
-    return speed, clock(distance, speed, wait, up, down), cap
+    power, rolling = drive.max_power, truck.resistance.rolling
+    return *kernels.quickest(distance, most, slope, mass, wait, up, down, power, rolling), cap
