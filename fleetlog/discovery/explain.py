@@ -174,7 +174,7 @@ def _on_all(asked: Task, joint: Joint, kept: Sequence[Hypothesis]) -> Joint:
 
 def _habits(channel: Channel, joint: Joint, error: Floats) -> list[dict[str, Any]]:
     """How trucks are driven beside what the profile says, as adjustments."""
-    own = [i for i, a in enumerate(joint.design.atoms) if a.owner is None and a.knob is None]
+    own = [i for i, a in enumerate(joint.design.atoms) if a.of_error]
     told = zip(channel.errors, joint.fitted.beta[own].tolist(), error[own].tolist(), strict=True)
     return [
         {"name": f"{channel.name}.{s.name.replace(' ', '_')}", "vehicle": None, "value": at,

@@ -14,11 +14,12 @@ import numpy as np
 from fleetlog.core.arrays import Floats, Ints
 from fleetlog.discovery.hypotheses.cells import Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis, Pattern
+from fleetlog.discovery.recording.blocks import stacked
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.design import Atom, Design, of_hypothesis
 from fleetlog.discovery.search.joint import SHARES, VARIANCES, Joint, scored, tightened
 from fleetlog.discovery.search.problem import Problem
-from fleetlog.discovery.search.ridge import Prior, Sums, inverse, joined, stiff
+from fleetlog.discovery.search.ridge import Prior, Sums, inverse, stiff
 
 TOGETHER = 100  # Columns that are looked at together: many small products cost time, very large ones room
 MOST_PATTERNS = 6
@@ -86,7 +87,8 @@ class Beside:
         one = np.array([at.stop - at.start == 1 for at, _ in several], bool)
         more = [(i, *several[i]) for i in np.flatnonzero(~one).tolist()]
         own = [several[i] for i in np.flatnonzero(one).tolist()]
-        where, each = np.array([at.start for at, _ in own], np.int64), joined([prior for _, prior in own])
+        where, none = np.array([at.start for at, _ in own], np.int64), self.prior.part(np.zeros(0, np.int64))
+        each = Prior(**stacked([none, *(prior for _, prior in own)]))
         for f, (gram, cross) in enumerate(zip(self.gram, new.cross, strict=True)):
             seen = self.left(new, f)
             through = gram @ seen.by

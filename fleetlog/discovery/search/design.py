@@ -39,6 +39,11 @@ class Atom:
         return self.owner is None and self.knob is not None and self.knob.scope.whole
 
     @property
+    def of_error(self) -> bool:
+        """Whether it is of what sampling hides, or of how trucks are driven."""
+        return self.owner is None and self.knob is None
+
+    @property
     def ends(self) -> bool:
         """Whether trucks may have just the lower bound of the number."""
         return self.knob is not None and self.knob.definition.ends

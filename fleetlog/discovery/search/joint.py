@@ -135,7 +135,7 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
     gram, meat, shift = _products(problem, joint)
     # A tolerance holds at 95 %: a number on the edge of its own is known no better than one beside it.
-    known = [a.ends or (a.owner is None and (a.knob or not problem.channel.bends)) for a in design.atoms]
+    known = [a.ends or (a.owner is None and not (a.of_error and problem.channel.bends)) for a in design.atoms]
     free = prior.within(beta) | np.array(known, bool)
     bread = np.zeros_like(gram)
     inner = gram + np.diag(prior.precision)
@@ -256,7 +256,7 @@ def said(channel: Channel, unit: Unit, joint: Joint) -> tuple[Floats, Floats]:
     about, out = channel.about(unit.own, joint.model), []
     curves = [h.sources[0] for h in joint.chosen if h.term is None]
     of_curves = [a.owner is not None and a.owner.term is None for a in joint.design.atoms]
-    of_errors = [a.owner is None and a.knob is None for a in joint.design.atoms]
+    of_errors = [a.of_error for a in joint.design.atoms]
     for sources, own in ((curves, of_curves), (channel.errors, of_errors)):
         x = about.columns(sources) if sources else np.zeros((len(unit.windows), 0))
         out.append(np.asarray(x @ joint.fitted.beta[own]))

@@ -6,8 +6,7 @@ These add up: those of two days are the sum of those of each.  Memory grows with
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,12 +43,6 @@ class Prior:
     def penalty(self, beta: Floats) -> float:
         """Return half the sum of squared standard deviations from the centre."""
         return float(0.5 * np.sum(self.precision * (beta - self.centre) ** 2))
-
-
-def joined(several: Sequence[Prior]) -> Prior:
-    """Return the priors of several sets of coefficients as one."""
-    parts = ([getattr(p, f.name) for p in several] for f in fields(Prior))
-    return Prior(*(np.concatenate([np.zeros(0), *part]) for part in parts))
 
 
 @dataclass
