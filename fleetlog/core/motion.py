@@ -1,6 +1,7 @@
 """The arrays that a physics term sees."""
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,11 @@ class Motion:
     vehicle: Ints  # codes
     trip: Ints
     power: Floats  # measured at the battery [W], NaN where not measured
+
+    @cached_property
+    def looked_up(self) -> dict[object, tuple[Index, Floats]]:
+        """Places looked up along it, and how they weigh, by a key of who did: kept as long as it is."""
+        return {}
 
     def __len__(self) -> int:
         return len(self.time)

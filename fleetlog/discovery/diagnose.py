@@ -142,6 +142,8 @@ def _hidden(e: Explained) -> list[str]:
             many = f"{channel.name}: numbers of the truck file{whose}, each within its tolerance, change"
             off = "together, more than chance would: one of them may be far off"
             notes.append(f"{many} {percent(share)} {off}")
+    if e.hidden and e.findings:
+        notes.append(f"{channel.name}: {e.hidden}")
     if e.slight is not None:
         h, share = e.slight
         notes.append(f"{channel.name}: {words.slight(h.term, h.depends_on, share, settings.material)}")

@@ -46,6 +46,7 @@ class Explained:
     unseen: Sequence[Hypothesis] = ()  # Free curves that are no finding
     bare: Model | None = None  # What is written, without what was found
     strain: dict[int | None, float] = field(default_factory=dict)  # See :func:`joint.strain`
+    hidden: str | None = None  # What may lie beside the findings
 
 
 class Task:
@@ -55,7 +56,8 @@ class Task:
     def __init__(self, channel: Channel, split: Split, settings: Settings) -> None:
         self.problem = Problem(channel, split, settings, ())
         self.windows = sum(channel.each(self.problem.count))
-        self.share = settings.sample / max(self.windows, 1)
+        trucks = settings.of_truck * len(channel.fleet.vehicles)
+        self.share = min(max(settings.sample // 2, trucks), settings.sample) / max(self.windows, 1)
         self.sample = self.problem.sampled(self.share)
 
 
@@ -95,7 +97,7 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     final = _on_all(asked, found.joint, kept)
     while True:
         known = covariance(problem, final)
-        numbers = _numbers(final, errors(known))
+        numbers = _numbers(final, errors(known[0]))
         # A number may only be plausible beside a curve, or be none of its time once all trips are fitted.
         none = [h for h in kept if h.scope.timed and _within_tolerance(base, numbers, h)]
         if not (gone := [h for h in kept if h.knobs and (h in none or on_bound(problem, final, h))]):
@@ -116,8 +118,8 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     pair = [found.base, refit(sample, found.base.model, best, steps=1, known=sums)] if best else []
     without = {h: final.without(h) for h in named}
     fit, judged, rest, lasting = judge(problem, before.model, final, without, beside, pair, asked.share)
-    values = {h.term: _values(problem, final, known, h) for h in named if h.term and (h.field or h.patterns)}
-    free = {h: _values(problem, j, covariance(problem, j), h) for h, j in beside.items() if h.field}
+    values = {h.term: _values(problem, final, h, *known) for h in named if h.term and (h.field or h.patterns)}
+    free = {h: _values(problem, j, h, *covariance(problem, j)) for h, j in beside.items() if h.field}
     # A free curve says no more than that something is left: unseen trips must show it, beyond the model's own
     # error, and of free places one at least must stand out.
     doubtful = [
@@ -148,8 +150,9 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
     if after is not final.model:  # The nominal model knows of no other vehicle in the way.
         fit.before = unseen(channel, before.model, final)
     unexplained = worse or (rest is not None and _above_floor(problem, rest, fit.floor))
-    if not findings and not unexplained:
-        fit.reason = fit.reason or _hidden(asked, fit.floor)
+    hidden = fit.reason or (None if unexplained else _hidden(asked, fit))
+    if not findings:
+        fit.reason = hidden
     taken = {k for h in told for k in h.knobs}
     trucks = channel.fleet.vehicles
     small = [
@@ -160,9 +163,9 @@ def explain(asked: Task, base: Model, result: Searched) -> Explained:
         and k.definition.edges[0] < n.value < k.definition.edges[1]
     ]  # fmt: skip
     off = strain(sample, final) if channel.bends else {}  # How trucks are driven is a habit
-    small += [] if channel.bends else _habits(channel, final, errors(known))
+    small += [] if channel.bends else _habits(channel, final, errors(known[0]))
     told_of = order, small, values, numbers, unexplained, found.slight, doubtful, final.without(*named), off
-    return Explained(problem, before.model, after, fit, *told_of)
+    return Explained(problem, before.model, after, fit, *told_of, hidden)
 
 
 def _on_all(asked: Task, joint: Joint, kept: Sequence[Hypothesis]) -> Joint:
@@ -202,8 +205,7 @@ def _within_tolerance(base: Model, numbers: dict[Knob, Parameter], h: Hypothesis
     p, found, nominal = knob.definition, numbers[knob], base.value(knob.fleet)
     # A truck file that is a little off is off all the time.
     always = not knob.scope.timed
-    widest = max(p.allowance(base.truck), p.allowance(base.truck, not knob.scope.whole))
-    allowed = widest if always else 0.0
+    allowed = max(p.allowance(base.truck), p.allowance(base.truck, not knob.scope.whole)) if always else 0.0
     above = (p.ceiling and always) or found.low <= nominal + allowed
     return above if found.value > nominal else found.high >= nominal - allowed
 
@@ -219,10 +221,12 @@ def _above_floor(problem: Problem, rest: float, floor: float | None) -> bool:
     return bool(left > least and rest > problem.settings.at_floor * floor)
 
 
-def _hidden(asked: Task, floor: float | None) -> str | None:
-    """Say why nothing can be said to be missing: what noise leaves to a model that is right hides a number
-    that changes a material share of every window. It would gain half of windows * (share / floor)^2; more
-    where trucks differ, as a poor logger hides only what its own truck shows."""
+def _hidden(asked: Task, fit: ChannelFit) -> str | None:
+    """Say what may hide: an error that few trips show; or a number that changes a material share of every
+    window, by what noise leaves to a model that is right. It would gain half of windows * (share / floor)^2;
+    more where trucks differ, as a poor logger hides only what its own truck shows."""
+    if fit.after and _above_floor(asked.problem, fit.after, fit.floor):
+        return f"{percent(fit.after)} is left, but in too few trips to tell it from chance; record more"
     settings, each = asked.problem.settings, dict[int, Floats]()
     for unit in asked.sample.training():
         use, noise = unit.whole, 1.0 / asked.sample.noise.plain(unit)
@@ -230,7 +234,8 @@ def _hidden(asked: Task, floor: float | None) -> str | None:
         each[unit.key[0]] = each.get(unit.key[0], 0.0) + own
     count, energy, noise = np.stack([own for own in each.values() if own[0] > 0.0], axis=1)
     known = count @ (energy / noise) / count.sum() / (energy.sum() / noise.sum())
-    least = (floor or 0.0) * np.sqrt(2.0 * (settings.evidence + settings.parameter) / asked.windows / known)
+    nats = 2.0 * (settings.evidence + settings.parameter)
+    least = (fit.floor or 0.0) * np.sqrt(nats / asked.windows / known)
     if least <= settings.material:
         return None
     return f"noise hides what changes it by less than {percent(least)}; record more, or rows closer together"
@@ -243,17 +248,17 @@ def _numbers(joint: Joint, error: Floats) -> dict[Knob, Parameter]:
     return {k: interval(p, model.total(k), e, p.nominal(model.truck)) for k, p, e in known}
 
 
-def _values(problem: Problem, joint: Joint, known: Floats, h: Hypothesis) -> Values:
+def _values(problem: Problem, joint: Joint, h: Hypothesis, *known: Floats) -> Values:
     """A field with the error of every cell; without a term in watts, or as a share of the time."""
     own = [i for i, a in enumerate(joint.design.atoms) if a.owner == h]
     cells = problem.channel.cells(h.physics)
     basis = np.column_stack([p.weights for p in h.patterns]) if h.patterns else cells.root
-    inner = known[np.ix_(own, own)]
+    inner = [part[np.ix_(own, own)] for part in known]
     passes = problem.channel.passes(h.physics)
     if h.term:
-        return Values(joint.model.fields[h.term], passes, basis, inner)
+        return Values(joint.model.fields[h.term], passes, basis, *inner)
     basis = UNIT["time" if problem.channel.name == "speed" else "moving"] * basis
-    return Values(basis @ joint.fitted.beta[own], passes, basis, inner)
+    return Values(basis @ joint.fitted.beta[own], passes, basis, *inner)
 
 
 def _finding(
@@ -308,7 +313,7 @@ def _classes(problem: Problem, beside: Joint) -> tuple[dict[str, Any] | None, Sc
     if h.curve is None or not (h.curve.classes or by_vehicle):
         return None, h.scope
     own = [i for i, a in enumerate(beside.design.atoms) if a.owner == h]
-    value, half = beside.fitted.beta[own], NORMAL * errors(covariance(problem, beside))[own]
+    value, half = beside.fitted.beta[own], NORMAL * errors(covariance(problem, beside)[0])[own]
     if by_vehicle:
         odd = np.flatnonzero(np.abs(value) > np.maximum(half, LARGE * np.abs(value).max()))
         return None, h.scope if 2 * len(odd) > len(value) else Scope(tuple(odd.tolist()))

@@ -41,7 +41,8 @@ class Settings:
     widening: float = 2.0
     # Windows from which on a channel is judged: some ten for each class of power, in each half.
     fewest: int = 60
-    sample: int = 20_000  # Windows of the sample on which noise is measured and hypotheses are compared
+    sample: int = 20_000  # Windows on which noise is measured and hypotheses are compared, at most; or half
+    of_truck: int = 550  # as many: so many of each truck then, an hour and a half, tell its own effects
 
 
 SETTINGS = Settings()

@@ -180,10 +180,8 @@ def preview(
 def _rows(batch: RawBatch, count: int) -> list[dict[str, Any]]:
     """The first rows; what is unknown is None."""
     first = slice(min(count, len(batch)))
-    table: dict[str, list[Any]] = {
-        "vehicle_id": batch.vehicle[first].strings(),
-        "timestamp": [f"{np.datetime64(t, 'us')}Z" for t in batch.time[first].tolist()],
-    }
+    stamps = [f"{np.datetime64(t, 'us')}Z" for t in batch.time[first].tolist()]
+    table: dict[str, list[Any]] = {"vehicle_id": batch.vehicle[first].strings(), "timestamp": stamps}
     for name, values in batch.columns.items():
         known = values[first]
         table[name] = known.strings() if isinstance(known, Labels) else plain(known.astype(float))

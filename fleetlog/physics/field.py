@@ -10,8 +10,8 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.errors import InputError, nearest
 
-MARGIN = 2.0  # Without a map a place is on a stretch whose middle is within half its length and this [m]
-MAX_TURN = np.pi / 3  # ... and whose heading differs by less than this [rad].
+MARGIN = 2.0  # Without a map a place is on a stretch whose middle is, east and north, within half its length
+MAX_TURN = np.pi / 3  # and this [m], as squares have corners, and whose heading differs by less [rad].
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,10 @@ class Field:
 
         reach = MARGIN + 0.5 * (self.end - self.start)
         tree = cKDTree(np.column_stack([self.x, self.y]))
-        distance, k = tree.query(np.column_stack([x, y]), k=np.arange(1, min(8, len(self)) + 1))
+        distance, k = tree.query(np.column_stack([x, y]), k=np.arange(1, min(8, len(self)) + 1), p=np.inf)
         turn = np.abs(np.angle(np.exp(1j * (heading[:, None] - self.heading[k]))))
         fits = (distance <= reach[k]) & (turn < MAX_TURN)
-        best = np.argmax(fits, axis=1)
+        best = np.argmin(np.where(fits, distance + 1e-6 * turn, np.inf), axis=1)  # Of one place the heading
         row = np.arange(len(x))
         return np.where(fits[row, best], self.value[k[row, best]], neutral)
 

@@ -83,9 +83,9 @@ def load_physics(path: str | Path, truck: Truck, network: Network | None = None)
         raise InputError(f"format version {data['format_version']}, this fleetlog reads 1", where=file)
     values, found = _read_terms(data.get("term", {}), network, file)
     off = frozenset(_term(name, file).name for name in data.get("off", ()))
+    two, given = list_of(NUMBER, 2, 2), data.get("interval", {}).items()
     intervals = {
-        _term(n, file).name: table(p, dict.fromkeys(p, list_of(NUMBER, 2, 2)), file, f"interval.{n}")
-        for n, p in data.get("interval", {}).items()
+        _term(n, file).name: table(p, dict.fromkeys(p, two), file, f"interval.{n}") for n, p in given
     }
     own = tuple(_own(o, f"own.{i}", network, file) for i, o in enumerate(data.get("own", ())))
     return Physics(truck, values, off, found, intervals, own)

@@ -83,10 +83,8 @@ def _with_own(trucks: Trucks, physics: Physics, start: float) -> tuple[Trucks, l
     if not physics.own:
         return trucks, [replace(physics, truck=kind) for kind in trucks.kinds], []
     names = vehicle_names(len(trucks.of))
-    keys = [
-        (k, tuple(o.vehicles is None or name in o.vehicles for o in physics.own))
-        for name, k in zip(names, trucks.of.tolist(), strict=True)
-    ]
+    named = zip(names, trucks.of.tolist(), strict=True)
+    keys = [(k, tuple(o.vehicles is None or n in o.vehicles for o in physics.own)) for n, k in named]
     kinds = list(dict.fromkeys(keys))
     of = np.array([kinds.index(key) for key in keys], np.int32)
     apart = Trucks(tuple(trucks.kinds[k] for k, _ in kinds), of, tuple(which for _, which in kinds))

@@ -57,10 +57,7 @@ def provenance(
     known = {f["sha256"] for f in files}
     sources = [] if site is None else [s for s in site.source.values() if s["sha256"] not in known]
     files += [{"file": s["file"], "sha256": s["sha256"]} for s in sources]
-    given = sys.argv[1:]
-    words = [
-        word for word, before in zip(given, ["", *given], strict=False)
-        if before not in ENGINE and word.partition("=")[0] not in ENGINE
-    ]  # fmt: skip
+    given = zip(sys.argv[1:], ["", *sys.argv[1:]], strict=False)
+    words = (w for w, before in given if before not in ENGINE and w.partition("=")[0] not in ENGINE)
     command = shlex.join(["fleetlog", *words])
     return {"command": command, "version": __version__, "inputs": files, "seed": seed, **more}

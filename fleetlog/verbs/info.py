@@ -86,10 +86,8 @@ def _label(name: str) -> str:
 
 def _wrapped(label: str, text: str) -> list[str]:
     """A text beside its name, its further lines below one another."""
-    # No line begins with a per cent sign.
-    lines = wrap(
-        text.replace(" %", "\xa0%"), WIDTH, initial_indent=f"{label:<18} ", subsequent_indent=19 * " "
-    )
+    text, margin = text.replace(" %", "\xa0%"), 19 * " "  # No line begins with a per cent sign.
+    lines = wrap(text, WIDTH, initial_indent=f"{label:<18} ", subsequent_indent=margin)
     return [line.replace("\xa0", " ") for line in lines] or [label]
 
 

@@ -145,11 +145,9 @@ def activity_views(screen: Screen, roomy: bool = False) -> list[Any]:
         states = screen.paths("state")
         out.append(rrb.StateTimelineView(origin="/", name="Activities", contents=states, **options))
         del titles["activity"]
-    return out + [
-        plot(title, screen.paths(signal), legend, rrb.Corner2D.LeftTop, **time_of(screen, slow=True))
-        for signal, title in titles.items()
-        if signal in screen.signals
-    ]
+    corner, when = rrb.Corner2D.LeftTop, time_of(screen, slow=True)
+    drawn = [(k, title) for k, title in titles.items() if k in screen.signals]
+    return out + [plot(title, screen.paths(k), legend, corner, **when) for k, title in drawn]
 
 
 def send(stream: Stream, screen: Screen, columns: list[Any], shares: Sequence[float]) -> None:

@@ -135,10 +135,8 @@ def _send_screen(stream: Stream, screen: blueprint.Screen, found: set[str]) -> N
     summary = rrb.TextDocumentView(origin="/summary", name="Summary")
     doing = blueprint.activity_views(screen, roomy=True)
     both = [*blueprint.curve_views(screen), rrb.Tabs(summary, *doing) if doing else summary]
-    apart: list[Any] = [
-        blueprint.plot(name, [f"/difference/{k}/**"], k in TOTALS, **blueprint.time_of(screen, k in SLOW))
-        for k, name in {**DIFFERENCES, **TOTALS}.items()
-        if k in found
-    ]
+    apart, plot, time_of = list[Any](), blueprint.plot, blueprint.time_of
+    for k, name in ((k, n) for k, n in {**DIFFERENCES, **TOTALS}.items() if k in found):
+        apart.append(plot(name, [f"/difference/{k}/**"], k in TOTALS, **time_of(screen, k in SLOW)))
     columns = [rrb.Vertical(whole, plan), rrb.Vertical(*both), *([rrb.Vertical(*apart)] if apart else [])]
     blueprint.send(stream, screen, columns, [5, 3, 3][: len(columns)])

@@ -11,7 +11,9 @@ import polars as pl
 import pytest
 from conceal import diagnosed
 from degrade import diagnosed_as
+from recorder import record
 
+from fleetlog import diagnose, read_logs
 from fleetlog.core.truck import load_truck
 
 pytestmark = pytest.mark.slow
@@ -205,3 +207,11 @@ def test_a_power_that_is_repeated_is_nothing_missing(shared_data: Path, rows: in
     said = told(shared_data / "engine" / "clean", power)
     assert said["findings"] == [] and said["verdict"] == "none"
     assert any("repeated in between" in note for note in said["notes"])
+
+
+def test_trucks_whose_loads_nobody_recorded_are_no_heavier(tmp_path: Path) -> None:
+    """What they carry on average acts like mass, in a log without loads and forks."""
+    record("none,site=ramps,logger=no_load,seed=4000", tmp_path)
+    read_logs(tmp_path / "recorded.csv.gz", site=tmp_path / "site.toml", output=tmp_path / "data")
+    told = diagnose(tmp_path / "data", truck=tmp_path / "truck.toml", channels=("battery_power",)).summary
+    assert told["findings"] == []

@@ -67,3 +67,12 @@ def test_without_loads_a_drag_is_that_of_the_truck_file_and_the_other_is_not_exc
     found = told(tmp_path, f"[term.{term}]\n{name} = {value}\n", ("battery_power",), rated_load=0)
     assert list(found) == ["rolling_resistance"]
     assert "unknown(driving)" in found["rolling_resistance"]["not_excluded"]
+
+
+@pytest.mark.slow
+def test_two_numbers_that_hide_one_another_are_both_told(tmp_path: Path) -> None:
+    """Lifts take as much as ever where loads weigh less and the mast is less efficient: neither is told alone."""
+    physics = "[term.payload]\nfactor = 0.7\n[term.lift_efficiency]\nefficiency = 0.45\n"
+    found = told(tmp_path, physics, ("battery_power",))
+    assert found.keys() == {"payload", "lift_efficiency"}
+    assert within(found["payload"], "factor", 0.7) and within(found["lift_efficiency"], "efficiency", 0.45)

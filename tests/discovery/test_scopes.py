@@ -35,13 +35,31 @@ def column(weight: np.ndarray, effect: float, seed: int) -> Column:
     model = Beside(
         count, y.sum(axis=(1, 2, 3))[:, None], Prior(np.zeros(1), np.zeros(1), -np.ones(1), np.ones(1))
     )
-    return Column(model, x.sum(axis=3)[..., None], (x * y).sum(axis=3), (x**2).sum(axis=3), 2.0)
+    cross = x.sum(axis=3)[..., None]
+    products = (x * y).sum(axis=3), (x**2).sum(axis=3)
+    return Column(model, cross, np.ones(1, bool), cross.sum(axis=0), *products, 2.0)
 
 
 def over(begin: int, until: int, who: tuple[int, ...]) -> np.ndarray:
     weight = np.zeros((VEHICLES, SLOTS))
     weight[list(who), begin:until] = 1.0
     return weight
+
+
+@given(st.integers(0, 42), st.integers(1, 6), st.sets(st.integers(0, 5), min_size=1), st.integers(0, 99))
+@settings(max_examples=20, deadline=None)
+def test_all_scopes_at_once_gain_what_each_does_alone(
+    begin: int, long: int, who: set[int], seed: int
+) -> None:
+    """A column beside a model gains the square of its moment over its own, once the model is taken away."""
+    own = column(over(20, 30, (1, 2)), 1.0, seed)
+    trucks, slots = np.isin(np.arange(VEHICLES), list(who)) * 1.0, over(begin, begin + long, (0,))[:1]
+    left = own.model.left(own.added(np.outer(trucks, slots[0])))
+    alone = left.moment[0] ** 2 / left.product[0, 0] / own.unit
+    for gain, step in (own.gain(trucks, slots), own.gain(trucks[None], slots[0])):
+        assert gain[0] == pytest.approx(alone) and step[0] == pytest.approx(
+            left.moment[0] / left.product[0, 0]
+        )
 
 
 @given(st.integers(0, 40), st.integers(6, 48), st.integers(0, 99))

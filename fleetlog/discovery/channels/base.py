@@ -283,8 +283,7 @@ def _touched(cells: Cells, units: Iterable[Unit]) -> Floats:
         around = 0.5 * (np.append(step, 0.0) + np.append(0.0, step))
         for number, _ in cells.parts(m):
             on = (number >= 0) & unit.whole[of]
-            pairs = np.unique(of[on] * size + number[on])
-            total[0] += np.bincount(pairs % size, minlength=size)
+            total[0] += np.bincount(np.unique(of[on] * size + number[on]) % size, minlength=size)
             total[1] += np.bincount(number[on & (np.diff(number, prepend=-1) != 0)], minlength=size)
             total[2] += np.bincount(number[on], around[on], size)
     return total

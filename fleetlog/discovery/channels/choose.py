@@ -40,8 +40,7 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     steps = [[d.charge_step for d in fleet.of(v) if d.charge_step > 0.0 and name == "soc"] for v in every]
     step = np.array([np.median(s) if s else 0.0 for s in steps])
     window = _window(fleet, name, settings, step)
-    power = name == "battery_power"
-    coarse = {v: step_of(fleet.of(v), name) if power else 0.0 for v in (None, *every)}
+    coarse = {v: step_of(fleet.of(v), name) if name == "battery_power" else 0.0 for v in (None, *every)}
     coarse = {v: max(own, coarse[None]) for v, own in coarse.items()}
     # Stretches of the map, or squares of the floor without one; None where neither helps
     network = fleet.network if fleet.has("edge_id") else None

@@ -51,6 +51,8 @@ class EnergyChannel(Channel):
     power_step: dict[int | None, float]  # Step of the power, by vehicle and by the finest logger [W]
     between: dict[int, Between] = field(default_factory=dict)  # What power lacks between rows, by vehicle
     climbs: bool = False  # Slopes of most vehicles are those of heights that the log shows itself
+    loads: list[ErrorSource] = field(default_factory=list, init=False)
+    """Where nobody recorded loads: what trucks carry on average acts like mass."""
 
     def __post_init__(self) -> None:
         self.metric = f"rms error of energy per {np.median(self.seconds):.0f} s window, over rms energy"
@@ -59,6 +61,10 @@ class EnergyChannel(Channel):
         # Rounding is off by any part of a step alike, and of like trucks by the same.
         coarse = [(v, step / np.sqrt(12.0)) for v, step in self.power_step.items() if step > LEAST_SWING]
         self.errors += [ErrorSource("rounding", spread, vehicle=v) for v, spread in coarse]
+        chassis, known = self.fleet.truck.chassis, self.measured or self.fleet.has("payload")
+        usual = 0.0 if known else min(0.5 * chassis.rated_load, LOADED * chassis.mass)
+        self.loads = [ErrorSource("load", 0.5 * usual, unit="kg")] if usual else []
+        self.errors += self.loads
         self.by_place = self.places is not None and not self.measured
 
     def look(self, number: int, block: Block) -> None:
@@ -89,7 +95,8 @@ class EnergyChannel(Channel):
         if not self.measured:
             assert known is not None
             noise += known.window_variance(lambda m: battery_power(m, e.physics), c.of) * 1e-6
-            noise += self._unknown_load(c, e) ** 2
+            for load in self.loads:
+                noise += (load.most * self.about(c, self.base).columns([load])[:, 0]) ** 2
         swing = np.ones(c.count) if self.name == "soc" else np.maximum(jumps(c, e), LEAST_SWING)
         # Measured power errs where it is large by chance: how noisy a window is must not hang on that.
         level = c.energy((replace(e, measured=None) if self.measured else e).power)
@@ -228,15 +235,6 @@ class EnergyChannel(Channel):
         if lag == 0.0 or now <= late:
             return block
         return replace(block, power=moved, motion=block.motion.replaced(power=moved[block.row]))
-
-    def _unknown_load(self, c: Cut, e: Evaluation) -> Floats:
-        """(W,) what a usual load adds [kJ], where trucks carry loads that nobody recorded."""
-        chassis = self.fleet.truck.chassis
-        if self.fleet.has("payload") or not chassis.rated_load:
-            return np.zeros(c.count)
-        usual = min(0.5 * chassis.rated_load, LOADED * chassis.mass)
-        heavier = c.motion.replaced(payload=c.motion.payload + usual)
-        return c.energy(battery_power(heavier, e.physics) - battery_power(c.motion, e.physics))
 
     def evaluation(self, block: Block, model: Model) -> Evaluation:
         """Return a block under a model."""

@@ -247,6 +247,12 @@ class EnergyAbout(About):
         return Evaluation(self.own.block.likeliest, self.e.physics, self.e.charge).power - self.e.power
 
     @cached_property
+    def _load(self) -> Floats:
+        """(n,) W that a kilogram of load adds."""
+        heavier = self.own.motion.replaced(payload=self.own.motion.payload + 1.0)
+        return Evaluation(heavier, self.e.physics, self.e.charge).power - self.e.power
+
+    @cached_property
     def _doubt(self) -> Floats:
         """(n,) W less that the battery gives if no acceleration is real that is smaller than its error."""
         likeliest = self.own.block.likeliest.acceleration

@@ -166,8 +166,7 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask, pace: float) -> It
 def _undisturbed(r: Route, drives: list[Drive], fleet: Fleet, split: Split, share: float) -> Iterator[Seen]:
     """The nodes that the search may look at, of a share of the trips."""
     path = join([v.leg.path for v in drives])
-    trip = path.trip + TRIP * r.vehicle
-    use = split.rows(trip, path.time + r.start, r.vehicle, r.day, share) != HELD_OUT
+    use = split.rows(path.trip + TRIP * r.vehicle, path.time + r.start, r.vehicle, r.day, share) != HELD_OUT
     use &= ~np.concatenate([v.behind | v.astray for v in drives])
     ends = np.cumsum([len(v.behind) for v in drives])[:-1]
     parts = (np.split(values, ends) for values in (free_speed(path.edge, fleet), use))

@@ -212,8 +212,7 @@ class TravelChannel(Channel):
         """Yield the units of a date, made of its paths once turns and places to wait are known."""
         for number in self.numbers(date):
             if not isinstance(unit := self.driven.get(str(date), number), Unit):
-                unit = self._unit(unit)
-                self.driven.put(str(date), number, unit)
+                self.driven.put(str(date), number, unit := self._unit(unit))
             yield unit
 
     def _unit(self, laid: Laid) -> Unit:

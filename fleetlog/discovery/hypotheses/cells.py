@@ -32,7 +32,7 @@ class Cells(ABC):
     middle: Floats
     odd: bool = field(default=False, kw_only=True)  # Whether the field is odd in the direction of travel
     _roots: dict[bool, tuple[Floats, Floats]] = field(default_factory=dict, kw_only=True, compare=False)
-    _last: list[tuple[Motion, Part]] = field(default_factory=list, kw_only=True, compare=False)
+    _token: object = field(default_factory=object, kw_only=True, compare=False)  # Of what is looked up
 
     def __len__(self) -> int:
         return len(self.middle)
@@ -44,9 +44,9 @@ class Cells(ABC):
 
     def at(self, motion: Motion) -> Part:
         """(N,) cell of each sample, -1 for none, and (N,) +1 or -1: driven as counted or against."""
-        if not self._last or self._last[0][0] is not motion:  # Many fields are looked up along the same
-            self._last[:] = [(motion, self._at(motion))]
-        return self._last[0][1]
+        if self._token not in motion.looked_up:  # Many fields are looked up along the same
+            motion.looked_up[self._token] = self._at(motion)
+        return motion.looked_up[self._token]
 
     @abstractmethod
     def _at(self, motion: Motion) -> Part: ...

@@ -130,9 +130,8 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[list[Fau
         # By how much a mean runs behind is known poorly: what its own pieces say tells of each vehicle, and
         # where all of one kind of logger are late alike what the pieces of all say.
         own = [v for v in kind if v in late.by_vehicle]
-        alike = np.ptp([middle[v][0] for v in own] or [0.0]) < SURE * max(
-            [middle[v][1] for v in own] or [0.0]
-        )
+        at, error = np.array([middle[v] for v in own] or [(0.0, 0.0)]).T
+        alike = np.ptp(at) < SURE * error.max()
         every = [k for v in own for k in looks[v]]
         if mean := [v for v in own if _averaged(every if alike else looks[v])]:
             mean += [v for v in kind if v in middle and v not in own and _averaged(looks[v])]
@@ -258,8 +257,7 @@ def _speed(fleet: Fleet, split: Split, term: Term) -> tuple[dict[int, float], Fa
     # A speed in whole km/h is off by as much all the time that a truck keeps to one speed.
     moving, steps = (speeds := pooled(fleet.days, "speed"))[speeds > STANDING_SPEED], fleet.steps
     coarse = step_of(fleet.days, "speed") / math.sqrt(12.0) / float(np.median(moving)) if len(moving) else 0.0
-    told = (steps <= DENSE) & (coarse < COARSE)
-    least = np.where(told, LATE * np.maximum(1.0, 1.5 * steps), math.inf)
+    least = np.where((steps <= DENSE) & (coarse < COARSE), LATE * np.maximum(1.0, 1.5 * steps), math.inf)
     found = {v: _ratio(np.array(w), least[v]) for v, w in ways.items() if len(w) >= FEWEST}
     late = {v: -shift for v, (_, _, _, shift) in found.items() if shift}
     # How trucks drive between rows is alike in all of them, and so is what the integral misses, by its step.

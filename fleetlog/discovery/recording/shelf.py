@@ -51,8 +51,7 @@ class Shelf:
         new = file.with_name(f"{file.name}.{os.getpid()}.{threading.get_ident()}")
         file.parent.mkdir(exist_ok=True)
         with new.open("wb") as stream:
-            sizes = [memoryview(a).nbytes for a in arrays]
-            head = pickle.dumps((rest.getvalue(), sizes))
+            head = pickle.dumps((rest.getvalue(), [memoryview(a).nbytes for a in arrays]))
             stream.write(len(head).to_bytes(HEAD, "little") + head)
             for array in arrays:
                 stream.write(bytes(-stream.tell() % ALIGNED))

@@ -25,18 +25,27 @@ DRAWS = 400  # Of the field, for what picking the largest of its values costs
 @dataclass(frozen=True)
 class Values:
     """A fitted field: ``deviation`` (C,) of its coordinate by value of the cells, ``samples`` windows behind
-    each, ``basis`` (C, k) and ``covariance`` (k, k) of its coefficients."""
+    each, ``basis`` (C, k) and ``covariance`` (k, k) of its coefficients, of which ``scatter`` (k, k) is what
+    trips differ by, and the rest what a prior left open."""
 
     deviation: Floats
     samples: Ints
     basis: Floats
     covariance: Floats
+    scatter: Floats
 
     @property
     def error(self) -> Floats:
         """The standard error of every value, (C,)."""
         square = (self.basis @ self.covariance * self.basis).sum(axis=1)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)), dtype=np.float64)
+
+    @property
+    def surest(self) -> Floats:
+        """Of a field of vectors the heading in which each is known best, (C / 2,): that of its road."""
+        own = self.basis.reshape(len(self.basis) // 2, 2, -1)
+        (xx, xy), (_, yy) = np.einsum("ijk,kl,iml->jmi", own, self.covariance, own, optimize=True)
+        return np.asarray(0.5 * (np.arctan2(2.0 * xy, xx - yy) + np.pi))
 
     def along(self, way: Floats) -> "Values":
         """Return a field of vectors as its part along directions, (C, 2) unit vectors: what roads do not
@@ -96,20 +105,20 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
     first = term.parameters[0]
     if term.odd:
         mask = sure if (sure := mask & large(v)).any() else mask
-        none, chance = np.zeros(len(v.covariance)), np.random.default_rng(0)
-        draws = chance.multivariate_normal(none, v.covariance, DRAWS, method="eigh")
+        none, chance, both = np.zeros(len(v.scatter)), np.random.default_rng(0), (v.covariance, v.scatter)
+        draws = [chance.multivariate_normal(none, c, DRAWS, method="eigh") for c in both]
         parts = [np.flatnonzero(mask)[:, None]]
         if isinstance(cells, Stretches):
             count = max(1, round(PART / float(np.mean(cells.end - cells.start))))
             runs = cells.runs(mask, np.sign(v.deviation))
             parts = [sliding_window_view(r, min(len(r), count)) for r in runs]
         here, basis = (np.concatenate([of[p].mean(axis=1) for p in parts]) for of in (v.deviation, v.basis))
-        largest = np.abs(here + draws @ basis.T).max(axis=1)
+        largest, again = (np.abs(here + d @ basis.T).max(axis=1) for d in draws)
         low, middle, high = np.quantile(largest, [0.025, 0.5, 0.975])
-        # The largest of many uncertain values is too large by what one more error of the same size adds;
-        # where that is more than it, nothing is known of the largest but the likeliest.
+        # The largest of many uncertain values is too large by what one more scatter of the same size adds (a
+        # prior draws them all to zero); where that is more than it, nothing is known but the likeliest.
         likeliest = float(np.abs(here).max())
-        value = less if (less := 2.0 * likeliest - float(middle)) > 0.0 else likeliest
+        value = less if (less := 2.0 * likeliest - float(np.median(again))) > 0.0 else likeliest
         below, above = max(value + float(low - middle), 0.0), value + float(high - middle)
         return Parameter(term.extreme or first.name, value, below, above, first.unit)
     run = np.flatnonzero(mask)
@@ -141,7 +150,7 @@ def _merged(cells: Stretches, v: Values, mask: Mask, term: Term | None) -> list[
 
 def as_field(cells: Cells, v: Values, term: Term) -> Field:
     """The whole field for ``fields/TERM.parquet``: every stretch driven, in both directions of its road; and
-    squares as stretches without an edge, of an odd field one for each of eight headings."""
+    squares as stretches without an edge, one for each of eight headings, of an odd field the surest first."""
     first = term.parameters[0]
     if isinstance(cells, Stretches):
         known = np.flatnonzero(v.samples > 0)
@@ -152,14 +161,14 @@ def as_field(cells: Cells, v: Values, term: Term) -> Field:
             np.minimum(low, high), np.maximum(low, high), v.samples[known],
         )  # fmt: skip
     assert isinstance(cells, Squares)
-    turns = np.angle(np.exp(0.25j * np.pi * np.arange(8 if term.odd else 1)))
-    ways = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    parts = [v.along(np.tile(way, (len(cells), 1))) for way in ways] if term.odd else [v]
+    turns = 0.25 * np.pi * np.arange(8)[:, None]
+    heading = np.angle(np.exp(1j * (turns + (v.surest if term.odd else np.zeros(len(cells))))))
+    ways = np.stack([np.cos(heading), np.sin(heading)], axis=2)
+    parts = [v.along(way) if term.odd else v for way in ways]
     names = ("deviation", "error", "samples")
     value, error, samples = (np.concatenate([getattr(p, n) for p in parts]) for n in names)
     value, half = first.neutral + value, NORMAL * error
     x, y = np.tile(cells.middle, (len(turns), 1)).T
-    heading = np.repeat(turns, len(cells))
     nothing, side = np.zeros(len(value)), np.full(len(value), cells.side)
     edge = np.full(len(value), -1, np.int32)
-    return Field(edge, x, y, heading, nothing, side, value, value - half, value + half, samples)
+    return Field(edge, x, y, heading.ravel(), nothing, side, value, value - half, value + half, samples)

@@ -51,7 +51,7 @@ def of_lost(lost: Lost, channel: Channel, errors: Errors) -> Finding:
 def values(lost: Lost) -> Values:
     """Return the share of the time lost by stretch of lane, for pictures and files."""
     time = np.maximum(lost.time, 1e-9)
-    return Values(lost.lost / time, lost.passages, np.diag(lost.spread / time), np.eye(len(time)))
+    return Values(lost.lost / time, lost.passages, np.diag(lost.spread / time), *[np.eye(len(time))] * 2)
 
 
 def lasts(lasting: finding.Lasting, channel: Channel, settings: Settings) -> bool:
@@ -70,14 +70,12 @@ def of_lasting(evident: Sequence[finding.Lasting], fit: finding.ChannelFit, truc
     if most.vehicle is None:
         whose, what = FLEET, f"{percent(most.share)} of their {'time' if fit.name == 'speed' else 'energy'}"
         text = (
-            f"Trips in a row differ from the model in the same way, by {what}; no column of the log shows why"
+            f"Trips in a row differ from the model in the same way, by {what}; no column of the log says why"
         )
     else:
         whose = Scope(odd) if 2 * len(odd) <= len(trucks) else FLEET
         what = f"by {percent(most.share)} of the mean power"
-        text = (
-            f"A consumer that no column shows goes on and off: trucks that stand differ from the model {what}"
-        )
+        text = f"A consumer that no column shows goes on and off: trucks at rest differ from the model {what}"
     needs = "record what is switched on and off (heaters, pumps, brakes) as columns of the log"
     return Finding(
         "unknown", fit.name, text, [], needs, ["time"], None, None, words.scope(whose, trucks), [],

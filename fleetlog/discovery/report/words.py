@@ -36,10 +36,8 @@ def place(where: Told) -> str:
 
 def said_of_terms() -> dict[str, str]:
     """Return what a user may have in mind who does not know the name of a term, by name."""
-    return {
-        n: " ".join([n, t.statement, t.advice, *(p.name for p in t.parameters)])
-        for n, t in all_terms().items()
-    }
+    texts = {n: (t.statement, t.advice, *(p.name for p in t.parameters)) for n, t in all_terms().items()}
+    return {n: " ".join([n, *text]) for n, text in texts.items()}
 
 
 def scope(s: Scope, vehicles: Sequence[str]) -> dict[str, Any]:
@@ -79,8 +77,7 @@ def statement(term: Term, parameters: list[Parameter], where: Told, scope: Told)
     for p in term.parameters:
         given.setdefault(p.name, Parameter(p.name, p.neutral, p.neutral, p.neutral, p.unit, p.neutral))
     own = [term.by_name[p.name] for p in parameters if p.name in term.by_name]
-    of_each = [p.sentence or term.sentence for p in own if not p.shape]
-    if all(said := of_each or [term.sentence]):
+    if all(said := [p.sentence or term.sentence for p in own if not p.shape] or [term.sentence]):
         first, *more = dict.fromkeys(said)
         text = "; ".join([first, *(m[:1].lower() + m[1:] for m in more)]).format(where=place(where), **given)
     else:

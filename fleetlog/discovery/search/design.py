@@ -124,8 +124,7 @@ def make_design(channel: Channel, layout: Layout, model: Model, chosen: Sequence
 def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> Atom:
     p = knob.definition
     zero = channel.base.coordinate(knob.fleet)
-    allowed = p.allowance(channel.fleet.truck, not knob.scope.whole)
-    width = abs(p.scaled(p.value_of(zero) + allowed) - zero)
+    width = abs(p.scaled(p.value_of(zero) + p.allowance(channel.fleet.truck, not knob.scope.whole)) - zero)
     now, zero = model.coordinate(knob), zero if knob.scope.whole else 0.0
     at = np.array(layout.at(KnobSource(knob.column)))
     low, high = zero - (0.0 if p.caps else width), zero + width
@@ -143,8 +142,7 @@ def of_hypothesis(
     if h.patterns:
         basis = channel.cells(h.physics).inverse
         return [Atom(columns, basis @ p.weights, 1e-9, owner=h) for p in h.patterns]
-    usual = h.physics.parameters[0].usual if h.physics else 1.0
-    precision = 1.0 / (h.variance * usual**2)
+    precision = 1.0 / (h.variance * (h.physics.parameters[0].usual if h.physics else 1.0) ** 2)
     now = np.zeros(len(columns))
     if fitted and h.term in model.fields:
         now = channel.cells(h.physics).inverse @ model.fields[h.term]

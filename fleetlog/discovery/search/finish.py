@@ -1,15 +1,16 @@
 """What the search has found, what of it may count, and its last form: the needless dropped, shapes set."""
 
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
 from fleetlog.discovery.hypotheses.cells import LARGE, Stretches
 from fleetlog.discovery.hypotheses.hypothesis import Chosen, Hypothesis
-from fleetlog.discovery.model import Model, field_values
+from fleetlog.discovery.model import FLEET, Model, Scope, field_values
 from fleetlog.discovery.recording.turns import REACH
 from fleetlog.discovery.search.beside import pattern_hypotheses, screen
-from fleetlog.discovery.search.joint import Joint, Size, refit, scored, size_of, tuned, verified
+from fleetlog.discovery.search.joint import SHARES, Joint, Size, refit, scored, size_of, tuned, verified
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Sums
 from fleetlog.discovery.search.scopes import ended
@@ -222,30 +223,45 @@ def one_for_several(problem: Problem, found: Search) -> Joint | None:
     return None
 
 
-def beside_number(problem: Problem, found: Search) -> Joint | None:
-    """Return the fit with a number of the truck file and simple shapes in the place of a field of all roads,
-    if the field says no more than the model's own error may exchange for them: a number acts on all roads."""
-    now, file = found.joint, problem.channel.adjustable()
-    taken = {k for h in now.chosen for k in h.knobs}
-    numbers = [
-        h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in file and h.knobs[0] not in taken
-    ]
-    for h in (h for h in now.chosen if h.field and h.term and not h.waits):
-        rest, tried = [c for c in now.chosen if c is not h], list[Joint]()
-        left = refit(problem, now.without(h), rest)
-        sums = problem.sums(left.model, [*rest, h, *numbers])
-        for number in numbers:
+def numbers_of(problem: Problem, scope: Scope) -> list[Hypothesis]:
+    """Return the numbers of the truck file, of some trucks or all."""
+    file = problem.channel.adjustable()
+    return [h.of(scope) for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in file]
+
+
+def two_for_one(problem: Problem, found: Search, *, fields: bool = False) -> Joint | None:
+    """Return the fit with two in the place of one that outlines both, or beside all as they hide one another:
+    two numbers of the truck file, which predict better; or, of a field of all roads, one and simple shapes,
+    if it says no more than the model's own error may exchange for them."""
+    now, taken = found.joint, {k for h in found.joint.chosen for k in h.knobs}
+    others = [h for h in numbers_of(problem, FLEET) if h.knobs[0] not in taken]
+    single = [h for h in now.chosen if h.knobs and h.scope.whole]
+    for h in [c for c in now.chosen if c.field and c.term and not c.waits] if fields else [None, *single]:
+        rest = [c for c in now.chosen if c is not h]
+        left = refit(problem, now.without(h), rest) if h else now
+        sums = problem.sums(left.model, [*rest, *others, *((h,) if h and fields else ())])
+        pairs = [] if fields else list(combinations(others, 2))
+        for number, whole in ((n, h) for n in others if h and fields):
             alone = scored(problem, sums, left.model, [*rest, number])
-            shapes = pattern_hypotheses(problem, sums, alone, h)
-            tried += [scored(problem, sums, left.model, [*rest, number, s]) for s in shapes]
-        if not tried:
+            pairs += [(number, s) for s in pattern_hypotheses(problem, sums, alone, whole)]
+        if not (tried := [scored(problem, sums, left.model, [*rest, *two], SHARES[:1]) for two in pairs]):
             continue
         joint = refit(problem, left.model, min(tried, key=lambda j: j.score).chosen, 2)
-        implausible = any(on_bound(problem, joint, c) for c in joint.chosen)
-        if not implausible and verified(joint, now) < problem.channel.model_error:
-            found.rivals |= {c.kind: found.rivals.get(h.kind, []) for c in joint.chosen[-2:]}
+        both, plausible = joint.chosen[-2:], not any(on_bound(problem, joint, c) for c in joint.chosen)
+        likelier = now.score - joint.score > problem.settings.evidence
+        confirmed = likelier and all(_confirmed(problem, joint, c) for c in both)
+        if plausible and (verified(joint, now) < problem.channel.model_error if fields else confirmed):
+            found.rivals |= {c.kind: found.rivals.get(h.kind, []) if h else [] for c in both}
             return joint
     return None
+
+
+def _confirmed(problem: Problem, joint: Joint, h: Hypothesis) -> bool:
+    """Whether unseen trips confirm a number beside the others of a fit by more than the model's own error: of
+    two that hide one another each may be large, and say little."""
+    last = replace(joint, chosen=(*(c for c in joint.chosen if c is not h), h))
+    size, own = size_of(problem, _without(problem, joint, h), last), problem.channel.error_of(h.scope)
+    return size.share >= problem.settings.material and size.verified >= own
 
 
 def considered(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> list[Rival]:

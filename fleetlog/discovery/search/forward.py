@@ -27,7 +27,7 @@ def search(problem: Problem, nominal: Model) -> Search:
         if better is None:
             if now.chosen != found.joint.chosen:
                 found.joint = refit(problem, found.joint.model, now.chosen)
-            if (one := finish.one_for_several(problem, found)) is None:
+            if (one := finish.one_for_several(problem, found) or finish.two_for_one(problem, found)) is None:
                 break
             found.joint = one
             continue
@@ -37,7 +37,7 @@ def search(problem: Problem, nominal: Model) -> Search:
             both = [j for j in (better, _step(problem, found, found.near)[1]) if j is not None]
             better = min((refit(problem, j.model, j.chosen) for j in both), key=lambda j: j.score)
         found.joint = better
-    found.joint = finish.beside_number(problem, found) or found.joint
+    found.joint = finish.two_for_one(problem, found, fields=True) or found.joint
     return shaped(problem, pruned(problem, found))
 
 
@@ -80,7 +80,7 @@ def _at_times(problem: Problem, now: Joint, found: Search) -> Joint | None:
     if always.score - better.score > problem.settings.evidence and trips_agree(problem, always, better):
         return better
     found.rivals[always.chosen[-1].kind] = found.rivals[better.chosen[-1].kind]
-    return always
+    return always if now.score - always.score > problem.settings.evidence else None
 
 
 def _best(
@@ -106,7 +106,7 @@ def _best(
     said = [j for j in tried if j.chosen[-1].knobs]
     whose = min(said, key=lambda j: j.score).chosen[-1].scope if said else FLEET
     if whose.vehicles and not whose.timed:  # What is said of some trucks may be any number of theirs
-        tried += _exact(problem, sums, now, more(_numbers(problem, whose)))
+        tried += _exact(problem, sums, now, more(finish.numbers_of(problem, whose)))
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
     tried = [_no_better_than(problem, sums, now, j, tried, slow) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
@@ -255,16 +255,13 @@ def _no_better_than(
     by as much: how loosely the model holds what they change is no difference between them."""
     h = joint.chosen[-1]
     if h.kind in slow and h.knobs and h.scope.whole:
-        hours, trips = slow[h.kind], max(gained(problem, sums, now, [h]), key=lambda s: s.gain)
-        score = joint.score + max(trips.gain - hours.gain, 0.0)
-        return replace(joint, score=score, losses=joint.losses + trips.by_fold - hours.by_fold)
-    same = [j for j in tried if h.knobs and h.scope.timed and j.chosen[-1].scope == h.scope] or [joint]
-    alike = [(now.score - j.score, slow[k]) for j in same if (k := j.chosen[-1].kind) in slow]
-    seen = max((g for g, _ in alike), default=0.0)
-    unseen = max((s for _, s in alike), key=lambda s: s.gain, default=None)
-    if unseen is None or unseen.gain >= seen:
+        less = max(s.gain for s in gained(problem, sums, now, [h])) - slow[h.kind].gain
+    else:
+        same = [j for j in tried if h.knobs and h.scope.timed and j.chosen[-1].scope == h.scope] or [joint]
+        alike = [(now.score - j.score, slow[k].gain) for j in same if (k := j.chosen[-1].kind) in slow]
+        less = max(seen for seen, _ in alike) - max(unseen for _, unseen in alike) if alike else 0.0
+    if less <= 0.0:  # Hours that say more than trips make no loss smaller.
         return joint
-    less = seen - unseen.gain
     return replace(joint, score=joint.score + less, losses=joint.losses + less / len(joint.losses))
 
 
@@ -306,18 +303,12 @@ def _on_edge(problem: Problem, now: Joint, apart: bool = False) -> list[Hypothes
     on = [(a.knob, b >= a.high) for a, b in fitted if a.knob and not a.low < b < a.high]
     edges = {k: high for k, high in on if high or not k.definition.caps}
     out, half = [], (len(problem.channel.fleet.vehicles) + 1) // 2
-    for h in _numbers(problem, FLEET):
+    for h in finish.numbers_of(problem, FLEET):
         out += [h] if h.knobs[0] in edges else []
         own = [(on, k.scope.vehicles) for k, on in edges.items() if k.fleet == h.knobs[0]]
         sides = (tuple(sorted(chain(*(v for on, v in own if on == high)))) for high in (False, True))
         out += [h.of(Scope(who)) for who in sides if apart and 0 < len(who) <= half]
     return out
-
-
-def _numbers(problem: Problem, scope: Scope) -> list[Hypothesis]:
-    """The numbers of the truck file, of some trucks or all."""
-    file = problem.channel.adjustable()
-    return [h.of(scope) for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in file]
 
 
 def _exact(problem: Problem, sums: Sums, now: Joint, worth: dict[Hypothesis, Chosen]) -> list[Joint]:

@@ -128,10 +128,10 @@ def refit(
     return replace(joint, model=model)
 
 
-def covariance(problem: Problem, joint: Joint) -> Floats:
+def covariance(problem: Problem, joint: Joint) -> tuple[Floats, Floats]:
     """Return the (k, k) covariance of a fit's coefficients; zero for those on a bound of what is plausible. A
     sandwich (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13), whose meat is the sum over trips of the
-    squares of their scores; the prior's part scatters as the prior says."""
+    squares of their scores; the prior's part, none of the second matrix, scatters as the prior says."""
     design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
     gram, meat, shift = _products(problem, joint)
     # A tolerance holds at 95 %: a number on the edge of its own is known no better than one beside it.
@@ -143,7 +143,8 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     scale = np.outer(root, root)
     kept = np.ix_(free, free)
     bread[kept] = np.linalg.pinv((inner / scale)[kept]) / scale[kept]
-    out = problem.settings.widening**2 * (bread @ (meat + np.diag(prior.precision)) @ bread)
+    scatter = problem.settings.widening**2 * (bread @ meat @ bread)
+    out = scatter + problem.settings.widening**2 * (bread @ np.diag(prior.precision) @ bread)
     # The model may be off by its own error in all windows alike: by so much all numbers move together.
     out += np.outer(bread @ shift, bread @ shift)
     # The model's own error differs from place to place, so each place may be off by it alone.
@@ -152,7 +153,7 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
         shape = np.array([p.weights / np.linalg.norm(p.weights) for p in h.patterns])
         each = bread[:, own] * shift[own] @ shape
         out += each @ each.T
-    return np.asarray(out)
+    return np.asarray(out), scatter
 
 
 def strain(problem: Problem, joint: Joint) -> dict[int | None, float]:
@@ -256,8 +257,7 @@ def said(channel: Channel, unit: Unit, joint: Joint) -> tuple[Floats, Floats]:
     about, out = channel.about(unit.own, joint.model), []
     curves = [h.sources[0] for h in joint.chosen if h.term is None]
     of_curves = [a.owner is not None and a.owner.term is None for a in joint.design.atoms]
-    of_errors = [a.of_error for a in joint.design.atoms]
-    for sources, own in ((curves, of_curves), (channel.errors, of_errors)):
+    for sources, own in ((curves, of_curves), (channel.errors, [a.of_error for a in joint.design.atoms])):
         x = about.columns(sources) if sources else np.zeros((len(unit.windows), 0))
         out.append(np.asarray(x @ joint.fitted.beta[own]))
     return about.modelled + out[0], out[1]

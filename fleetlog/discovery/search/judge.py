@@ -178,7 +178,6 @@ def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: Mask) ->
     delta, gamma = apart / count, off / count
     # By medians (Theil 1950, Sen 1968): one gross error among neighbours turns a line of least squares.
     rise, run = (np.subtract.outer(v, v) for v in (gamma, delta))
-    several = len(delta) > 2 and np.ptp(delta) > 0
-    slope = np.median(rise[run > 0] / run[run > 0]) if several else 0.0
+    slope = np.median(rise[run > 0] / run[run > 0]) if len(delta) > 2 and np.ptp(delta) > 0 else 0.0
     start, nearest = np.median(gamma) - slope * np.median(delta), float(gamma[0])
     return float(np.sqrt(np.clip(start if slope > 0 else nearest, 0.25 * nearest, nearest)))

@@ -179,10 +179,8 @@ def learn(
         for vehicles, own in loggers:
             mine = [one for one in zip(kept, residual, levels, strict=True) if one[0][0].key[0] in vehicles]
             if sum(int(unit.whole.sum()) for (unit, _, _), _, _ in mine) >= ENOUGH:
-                of_kind = _classes(
-                    [k for k, _, _ in mine], [r for _, r, _ in mine], [s for _, _, s in mine], own
-                )
-                noise.of_logger |= dict.fromkeys(vehicles, of_kind)
+                seen, rest, said = map(list, zip(*mine, strict=True))
+                noise.of_logger |= dict.fromkeys(vehicles, _classes(seen, rest, said, own))
         for (unit, _, _), r in zip(kept, residual, strict=True):
             z = np.abs(r) * np.sqrt(noise.plain(unit))
             noise.robust[unit.key] = np.minimum(1.0, HUBER / np.maximum(z, 1e-9)).astype(np.float32)

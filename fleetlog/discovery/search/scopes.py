@@ -5,7 +5,6 @@ them, so that all sets of trucks that stand out, all begins and ends, and a drif
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,35 +35,34 @@ itself: of less, a time is told apart from a run of alike classes by the smaller
 @dataclass(frozen=True)
 class Column:
     """One column beside a model: products by slow fold F, truck V and slot S. ``cross`` (F, V, S, K) with the
-    model's columns, ``along`` (F, V, S) the residual, ``own`` (F, V, S) itself; ``unit`` of the losses."""
+    coefficients, of which the ``model`` has those that are ``free``, and ``summed`` (V, S, k) over folds with
+    these; ``along`` (F, V, S) the residual, ``own`` (F, V, S) itself; ``unit`` of the losses."""
 
     model: Beside
     cross: NDArray[np.float32]
+    free: Mask
+    summed: Floats
     along: Floats
     own: Floats
     unit: float
-
-    @cached_property
-    def folded(self) -> tuple[Floats, ...]:
-        """The three products, summed over all folds."""
-        return tuple(p.sum(axis=0, dtype=float) for p in (self.cross, self.along, self.own))
 
     def gain(self, trucks: Floats, slots: Floats) -> tuple[Floats, Floats]:
         """Return the (N,) gains, in natural logarithms, and steps of the column, weighted by trucks (V,) and
         slots of time (N, S), or by trucks (N, V) at all times (S,)."""
         inverse, beta = self.model.fit()
         one, other, axis = (trucks, slots, 0) if trucks.ndim == 1 else (slots, trucks, 1)
-        summed = (np.tensordot(one**n, p, (0, axis)) for p, n in zip(self.folded, (1, 1, 2), strict=True))
-        c, a, o = (other**n @ p for p, n in zip(summed, (1, 1, 2), strict=True))
-        size = o - np.einsum("ni,ni->n", c @ inverse, c)
-        known, moment = size > DISTINCT * o, a - c @ beta
+        parts = (one, self.summed), (one, self.along.sum(axis=0)), (one**2, self.own.sum(axis=0))
+        c, a, o = (np.tensordot(weight, p, (0, axis)) for weight, p in parts)
+        o, moment = other**2 @ o, other @ (a - c @ beta)
+        size = o - ((other @ (c @ inverse @ c.T)) * other).sum(axis=1)
+        known = size > DISTINCT * o
         step = np.where(known, moment / np.where(known, size, 1.0), 0.0)
         return step * moment / self.unit, step
 
     def added(self, weight: Floats) -> Added:
         """Return the column with (V, S) weights."""
         own = np.einsum("vs,fvs->f", weight**2, self.own)[:, None, None]
-        cross = np.einsum("vs,fvsk->fk", weight, self.cross)[:, :, None]
+        cross = np.einsum("vs,fvsk->fk", weight, self.cross)[:, self.free, None]
         return Added(cross, np.einsum("vs,fvs->f", weight, self.along)[:, None], own)
 
     def left(self, weight: Floats) -> float:
@@ -100,6 +98,7 @@ class Slotted:
                 self.cross[at] += n.T @ b
                 self.along[at] += n.T @ r
                 self.own[at] += np.einsum("ij,ij->j", n, n)
+        self._summed = self.cross.sum(axis=0, dtype=float)
         self.knobs = tuple(a.knob for a in atoms)
         # The values of classes (of trips or days) of a free curve
         classes = [bool(a.owner and a.owner.curve and a.owner.curve.classes) for a in atoms]
@@ -110,8 +109,9 @@ class Slotted:
     def column(self, j: int, loose: Knob | None = None) -> Column:
         """Return one column; the model's coefficients on a bound stay, but those of the ``loose`` number."""
         free = self.prior.within(self.beta) | self._of(loose)
-        held, cross = np.where(free, 0.0, self.beta), self.cross[..., j, :]
-        parts = cross[..., free], self.along[..., j] - cross @ held, self.own[..., j]
+        held, cross = np.flatnonzero(~free & (self.beta != 0.0)), self.cross[..., j, :]
+        along = self.along[..., j] - cross[..., held] @ self.beta[held]
+        parts = cross, free, self._summed[:, :, j, free], along, self.own[..., j]
         return Column(self._beside(free), *parts, self.unit)
 
     def loosened(self, loose: Knob) -> tuple[Floats, float]:

@@ -134,8 +134,7 @@ def reconstruct(
     mast = forks(rows.t, trajectory)
     grid = sample_grid(rows, mast.at(rows.t), lag)
     nodes, node = observed.at(grid.moment)
-    jerk = jerk_strength(observed, noise)[np.searchsorted(observed.t, nodes.t)]
-    states = smooth(nodes, noise, jerk)
+    states = smooth(nodes, noise, jerk_strength(observed, noise)[np.searchsorted(observed.t, nodes.t)])
     standing = nodes.rest[node] | (states.mean[node, 1] < STANDING)
     speed_sd, acceleration_sd = (
         np.where(standing, 0.0, np.sqrt(np.maximum(states.cov[node, k], 0.0))) for k in (3, 5)

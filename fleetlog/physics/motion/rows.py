@@ -176,8 +176,7 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
         return False
     size = float(later[use] @ later[use])
     share = float(over[use] @ later[use]) / size
-    error = float(np.std(over[use] - share * later[use])) / np.sqrt(size)
-    return share > 0.5 and share > 5.0 * error
+    return share > 0.5 and share > 5.0 * float(np.std(over[use] - share * later[use])) / np.sqrt(size)
 
 
 def against_odometer(rows: Rows, way: Floats, jumps: Mask) -> tuple[float, Mask]:
