@@ -115,11 +115,11 @@ def _size(cells: Cells, v: Values, mask: Mask, term: Term) -> Parameter:
         here, basis = (np.concatenate([of[p].mean(axis=1) for p in parts]) for of in (v.deviation, v.basis))
         largest, again = (np.abs(here + d @ basis.T).max(axis=1) for d in draws)
         low, middle, high = np.quantile(largest, [0.025, 0.5, 0.975])
-        # The largest of many uncertain values is too large by what one more scatter of the same size adds (a
-        # prior draws them all to zero); where that is more than it, nothing is known but the likeliest.
+        # The largest of many uncertain values is too large by what one more scatter of the same size adds, or
+        # all error, at the most: of what a prior left open, which draws all to zero, nobody knows how much.
         likeliest = float(np.abs(here).max())
         value = less if (less := 2.0 * likeliest - float(np.median(again))) > 0.0 else likeliest
-        below, above = max(value + float(low - middle), 0.0), value + float(high - middle)
+        below, above = max(2.0 * likeliest + float(low - 2.0 * middle), 0.0), value + float(high - middle)
         return Parameter(term.extreme or first.name, value, below, above, first.unit)
     run = np.flatnonzero(mask)
     if waits := isinstance(cells, Stretches) and term.waits:
