@@ -51,8 +51,7 @@ class EnergyChannel(Channel):
     power_step: dict[int | None, float]  # Step of the power, by vehicle and by the finest logger [W]
     between: dict[int, Between] = field(default_factory=dict)  # What power lacks between rows, by vehicle
     climbs: bool = False  # Slopes of most vehicles are those of heights that the log shows itself
-    loads: list[ErrorSource] = field(default_factory=list, init=False)
-    """Where nobody recorded loads: what trucks carry on average acts like mass."""
+    loads: list[ErrorSource] = field(default_factory=list, init=False)  # Nobody recorded: they act like mass
 
     def __post_init__(self) -> None:
         self.metric = f"rms error of energy per {np.median(self.seconds):.0f} s window, over rms energy"

@@ -130,8 +130,9 @@ class Verdict:
         """``found``, ``none`` or ``unknown``."""
         if self.unexplained or any(f.term == "unknown" for f in self.findings):
             return "unknown"
-        none = "none" if any(c.judged for c in self.channels) else "unknown"
-        return "found" if self.findings else none
+        if self.findings:
+            return "found"
+        return "none" if any(c.judged for c in self.channels) else "unknown"
 
     @property
     def passes(self) -> bool:

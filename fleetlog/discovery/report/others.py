@@ -70,7 +70,7 @@ def of_lasting(evident: Sequence[finding.Lasting], fit: finding.ChannelFit, truc
     if most.vehicle is None:
         whose, what = FLEET, f"{percent(most.share)} of their {'time' if fit.name == 'speed' else 'energy'}"
         text = (
-            f"Trips in a row differ from the model in the same way, by {what}; no column of the log says why"
+            f"Trips in a row differ from the model in the same way, by {what}; no column of the log shows why"
         )
     else:
         whose = Scope(odd) if 2 * len(odd) <= len(trucks) else FLEET

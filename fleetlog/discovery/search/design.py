@@ -40,7 +40,7 @@ class Atom:
 
     @property
     def of_error(self) -> bool:
-        """Whether it is of what sampling hides, or of how trucks are driven."""
+        """Whether it is of what the log hides (sampling, loads), or of how trucks are driven."""
         return self.owner is None and self.knob is None
 
     @property

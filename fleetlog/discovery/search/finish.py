@@ -248,7 +248,7 @@ def two_for_one(problem: Problem, found: Search, *, fields: bool = False) -> Joi
             continue
         joint = refit(problem, left.model, min(tried, key=lambda j: j.score).chosen, 2)
         both, plausible = joint.chosen[-2:], not any(on_bound(problem, joint, c) for c in joint.chosen)
-        likelier = now.score - joint.score > problem.settings.evidence
+        likelier = plausible and not fields and now.score - joint.score > problem.settings.evidence
         confirmed = likelier and all(_confirmed(problem, joint, c) for c in both)
         if plausible and (verified(joint, now) < problem.channel.model_error if fields else confirmed):
             found.rivals |= {c.kind: found.rivals.get(h.kind, []) if h else [] for c in both}
